@@ -7,9 +7,9 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
     "": 2_130,
-    "adapt": 7_750,
+    "adapt": 7_820,
     "backends": 10_090,
-    "cli": 6_850,
+    "cli": 6_890,
     "client": 1_020,
     "control": 13_390,
     "demo": 250,

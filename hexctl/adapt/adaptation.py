@@ -33,6 +33,7 @@ from hexctl.adapt.setting import (
     Note,
     Setting,
     baseline_note,
+    budget_note,
     load_setting,
     log_note,
     start_note,
@@ -45,7 +46,7 @@ from hexctl.control.guard import Guard
 from hexctl.control.telemetry_watch import SeenWarnings
 from hexctl.control.trial import STOP_REQUESTED
 from hexctl.control.trial_result import path_axes
-from hexctl.errors import RecordingError, RobotFaultError, check_callable, check_type
+from hexctl.errors import HexctlError, RecordingError, RobotFaultError, check_callable, check_type
 from hexctl.gait.gait import AUTO, NAMED_SLOTS
 from hexctl.options import check_names
 from hexctl.recording.live import LiveView
@@ -165,6 +166,8 @@ class Adaptation:
         self._objective = as_objective(spec.objective if objective is None else objective)
         self._resumed: Session | None = None
         self._budget: int | None = None
+        self._given: set[str] = set()
+        self._trust = False
 
     @classmethod
     def resume(
@@ -194,6 +197,7 @@ class Adaptation:
         spec = session.spec if budget is None else extended(session, budget)
         adaptation = cls(spec, folder=folder, **options)
         adaptation._resumed, adaptation._budget = session, budget
+        adaptation._given, adaptation._trust = given, trust
         return adaptation
 
     def _finished(self) -> Session | None:
@@ -282,7 +286,8 @@ class Adaptation:
             self._seen = SeenWarnings(servos.peek().warnings)  # the notes on the connection have them
         if session is None:
             spec = at_home(spec, servos)  # a robot that cannot be scored is refused before any advice
-        advice = start_note(spec, setting), baseline_note(spec) if begins else None, yaw_note(spec, servos)
+        baseline = baseline_note(spec) if begins else None
+        advice = start_note(spec, setting), budget_note(spec), baseline, yaw_note(spec, servos)
         for note in filter(None, advice):
             self._note(note)
         if session is None:
@@ -293,9 +298,12 @@ class Adaptation:
 
     def _held_again(self, name: str, store: SessionStore, stack: ExitStack) -> Session:
         stack.enter_context(store.held(name))
-        # Loaded again under the lock: another process may have continued it. Damage is reported already.
-        session = self._resumed = load_session(name, store.folder, on_damage=lambda _: None)
-        for left in remove_unfinished(store.folder_of(name), session):
+        # Loaded again under the lock: another process may have changed it. Damage is reported already.
+        damage: list[HexctlError] = []
+        session = self._resumed = load_session(name, store.folder, on_damage=damage.append)
+        session.spec.check_trusted(self._given, trust=self._trust)
+        # The recording of a trial whose line is damaged looks like that of an interrupted walk.
+        for left in [] if damage else remove_unfinished(store.folder_of(name), session):
             self._note(f"removed {left}: its walk was interrupted and is repeated")
         if self._budget is not None:
             session.spec = extended(session, self._budget)

@@ -14,7 +14,7 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.control.assessment.top_speed import Stride
 from hexctl.control.trial import Enough
 from hexctl.control.trial_result import TrialResult
-from hexctl.errors import HexctlError, InputError, check_type
+from hexctl.errors import HexctlError, InputError, argument, check_type
 from hexctl.types import ArrayFields, FloatArray
 
 #: Outcomes of walks that ended early, and so say nothing about where the gait ends.
@@ -133,7 +133,8 @@ class Optimizer(ABC):
     random stream, continues exactly as the original would.
 
     A subclass sets `name` and implements `_suggest`, `_learn`, `_search_state` and `_restore_search`. It may
-    override `_learn_observed`, to learn from the course of walks, and the other public methods.
+    override the other public methods, and `_learn_observed` instead of `_learn`, to learn from the course of
+    walks.
     """
 
     #: Name on the command line.
@@ -150,6 +151,10 @@ class Optimizer(ABC):
         check_type(seed, int, "seed", "0 or more")
         if seed < 0:
             raise InputError(f"seed: got {seed}; allowed: 0 or more")
+        learning = "_learn", "_learn_observed"
+        if all(getattr(type(self), name) is getattr(Optimizer, name) for name in learning):
+            got = f"{argument('optimizer')}: got {type(self).__qualname__}, which does not learn"
+            raise InputError(f"{got}; allowed: a class that implements {' or '.join(learning)}")
         self.space = space
         self._random = np.random.default_rng(seed)
         self._asked: list[int] | None = None

@@ -10,6 +10,7 @@ from typing import Any
 from hexctl.adapt.optimizer import Trim
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import UNWATCHED, SessionSpec
+from hexctl.adapt.sessions.walk_records import BASELINE_INDEX
 from hexctl.adapt.setting import Setting
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import make_floor
@@ -99,11 +100,6 @@ class TrialRequest:
     def title(self) -> str:
         """Title of the trial, or of the walk of the baseline."""
         return f"baseline: gait {self.usual}" if self.usual else f"trial {self.index}: gait {self.code}"
-
-    @property
-    def stem(self) -> str:
-        """Begins the name of its recording."""
-        return f"baseline-{self.usual}" if self.usual else f"trial-{self.index:03d}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -198,7 +194,7 @@ class TrialRunner:
         """Recording of a trial, or None; raises RecordingError if it cannot be written."""
         if self.folder is None:
             return None
-        world, path = self.setting.world, _new_path(self.folder, request.stem)
+        world, path = self.setting.world, _new_path(self.folder, _stem(request.index, request.usual))
         try:
             recording = Recording(
                 path,
@@ -271,6 +267,11 @@ def _finished(recording: Recording, result: TrialResult, facts: dict[str, Any]) 
     return None
 
 
+def _stem(index: int, usual: str = "") -> str:
+    """Beginning of the name of a recording: of a trial, or of a walk of the baseline."""
+    return f"baseline-{usual}" if usual else f"trial-{index:03d}"
+
+
 def _new_path(folder: Path, stem: str) -> Path:
     """Unused path; an interrupted walk keeps its own until its session is resumed."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -280,20 +281,16 @@ def _new_path(folder: Path, stem: str) -> Path:
     return path
 
 
-#: Names that hexctl gives to recordings of a session.
-_NAME = re.compile(r"(trial-\d{3,}|baseline-[a-z]+)(-\d+)?\.rrd")
-
-
 def remove_unfinished(folder: Path, session: Session) -> list[Path]:
     """Remove recordings of the walk at which a held session was killed or interrupted: it is repeated."""
     stored = {walk.recording_in(folder) for walk in (*session.trials, *session.baseline)}
-    following = f"trial-{session.trials[-1].index + 1 if session.trials else 1:03d}"
+    stems = [_stem(session.trials[-1].index + 1 if session.trials else 1)]
+    if not session.trials:
+        stems += [_stem(BASELINE_INDEX, gait) for gait in session.spec.baseline_gaits]
+    repeated = re.compile(rf"({'|'.join(map(re.escape, stems))})(-\d+)?\.rrd")
     removed = []
     for path in sorted(set(folder.glob("*.rrd")) - stored):
-        name = _NAME.fullmatch(path.name)
-        if name is None or path.is_symlink():
-            continue
-        if name[1] == following or (name[1].startswith("baseline") and not session.trials):
+        if repeated.fullmatch(path.name) and not path.is_symlink():
             with suppress(OSError):
                 path.unlink()
                 removed.append(path)

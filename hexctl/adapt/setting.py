@@ -8,10 +8,11 @@ from pathlib import Path
 
 from hexctl.adapt.arena import check_radius
 from hexctl.adapt.optimizer import Trim
-from hexctl.adapt.optimizers.shipped import TRIM
+from hexctl.adapt.optimizers.shipped import BAYES, STRIDES, TRIM
 from hexctl.adapt.prior.prior import Prior, ScorePrior, load_prior, load_score_prior
 from hexctl.adapt.prior.prior_files import check_prior
 from hexctl.adapt.sessions.session_spec import SessionSpec
+from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World, load_world, without_step
 from hexctl.control.assessment.score import ideal_distance_m, progress_floor_m
 from hexctl.control.assessment.top_speed import Stride
@@ -136,6 +137,16 @@ def baseline_note(spec: SessionSpec) -> str | None:
         f"{count} walks of {spec.duration_s:g} s come before the first trial, with the gaits it would use "
         f"anyway ({', '.join(spec.baseline_gaits)}); --no-baseline leaves them out"
     )
+
+
+def budget_note(spec: SessionSpec) -> str | None:
+    """Note that a budget is larger than the number of gaits that are walked once each, or None."""
+    gaits = GaitSpace((spec.broken.leg,)).size
+    if spec.optimizer in (BAYES, TRIM, STRIDES) or spec.count_repeats or spec.budget - spec.confirm <= gaits:
+        return None
+    confirming = f" and {spec.confirm} to confirm" if spec.confirm else ""
+    most = f"{gaits}{confirming} are walked: there are {gaits} gaits"
+    return f"of the budget of {spec.budget} trials at most {most}"
 
 
 def with_known_uncertainty(spec: SessionSpec, setting: Setting, folder: Path, note: Note) -> SessionSpec:

@@ -216,7 +216,8 @@ class AdaptLoop:
             stride=optimizer.stride(code),
             should_stop=should_stop,
         )
-        walked, measured = self._walked(self.walk, request, f"trial {index}")
+        what = f"trial {index}"
+        walked, measured = self._walked(self.walk, request, what, f"{what}, gait {code}")
         score, seen = measured["score"], Observation.of(walked.result)
         if confirms:
             optimizer.repeat(code, score, seen)
@@ -234,14 +235,14 @@ class AdaptLoop:
         self._keep(trial, walked, optimizer.state())
 
     def _walked(
-        self, walk: WalkTrial, request: TrialRequest, what: str
+        self, walk: WalkTrial, request: TrialRequest, what: str, scored: str = ""
     ) -> tuple[WalkedTrial, dict[str, Any]]:
         """A walk that was not interrupted, and the fields of its record."""
         walked = _counted(walk(request), what)
         points = np.round(walked.result.path_m[::PATH_STRIDE], 4)
         return walked, {
             "slots": request.slots,
-            "score": self._scored(walked, f"{what}, gait {request.code}" if request.index else what),
+            "score": self._scored(walked, scored or what),
             "outcome": walked.result.to_dict(),
             "path_m": points[np.isfinite(points).all(axis=1)].tolist(),
             "recording": None if walked.recording is None else str(walked.recording),

@@ -23,7 +23,7 @@ from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_lines import Walk
 from hexctl.adapt.sessions.session_spec import SessionSpec
-from hexctl.adapt.sessions.store import list_sessions, load_session
+from hexctl.adapt.sessions.store import FILE_NAME, list_sessions, load_session
 from hexctl.adapt.sessions.walk_records import TrialRecord
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.assessment.uncertainty_store import SimulationUncertainty, keep_uncertainty
@@ -116,6 +116,34 @@ def test_a_finished_session_is_continued_without_writing(monkeypatch: pytest.Mon
     )
     assert (again.walked, again.ended, again.trials) == (0, "budget", whole.trials)
     assert begun == [whole.session.name]
+
+
+@pytest.mark.usefixtures("landscape")
+def test_a_trial_whose_line_is_damaged_keeps_its_recording() -> None:
+    name = adapt(5, budget=2, optimizer="pso", prior="none", record=False).session.name
+    file, recording = Path("runs", name, FILE_NAME), Path("runs", name, "trial-002.rrd")
+    file.write_text(file.read_text().replace('"index": 2', '"index": '))
+    recording.touch()
+    resumed = Adaptation.resume(name, budget=4, record=False).run()
+    assert [trial.index for trial in resumed.trials] == [1, 2, 3, 4]
+    assert recording.exists()
+
+
+@pytest.mark.usefixtures("landscape")
+def test_a_session_that_names_foreign_code_once_it_is_held_is_not_trusted() -> None:
+    name = adapt(5, budget=2, optimizer="pso", record=False).session.name
+    adaptation = Adaptation.resume(name, budget=4, record=False)
+    file = Path("runs", name, FILE_NAME)
+    file.write_text(file.read_text().replace('"optimizer": "pso"', '"optimizer": "planted:Thing"'))
+    with pytest.raises(InputError, match="trust"):
+        adaptation.run()
+
+
+@pytest.mark.usefixtures("landscape")
+def test_a_budget_above_the_number_of_gaits_is_noted() -> None:
+    notes: list[str] = []
+    adapt(5, budget=500, optimizer="random", target_m=100.0, record=False, note=notes.append)
+    assert any("there are 120 gaits" in note for note in notes)
 
 
 @pytest.mark.usefixtures("landscape")
@@ -351,6 +379,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"objective": "tilt", "backend": "mock", "ask": True}, "objective"),
     ({"hold": "line", "backend": "mock", "ask": True}, "hold"),
     ({"hold": "line", "objective": "speed", "prior": "ant-locked-rear-30s"}, "hold"),
+    ({"hold": "line", "early_stop": True}, "prior"),
     ({"arena_m": 3.0}, "arena_m"),
     ({"backend": "mock", "home_m": (0.0, 1.0)}, "arena_m"),
     ({"backend": "mock", "arena_m": 9.0, "home_m": (0.0, math.nan)}, "home_m"),

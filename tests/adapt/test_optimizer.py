@@ -4,6 +4,7 @@ import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -108,3 +109,23 @@ class TestNearby(OptimizerConformance):
 def test_unknown_optimizers_are_refused(name: str) -> None:
     with pytest.raises(InputError, match="optimizer"):
         make_optimizer(name, ONE_FAILED, 0)
+
+
+class Forgetful(Optimizer):
+    """Learns nothing."""
+
+    name = "forgetful"
+
+    def _suggest(self, count: int) -> list[int]:
+        return [1] * count
+
+    def _search_state(self) -> dict[str, Any]:
+        return {}
+
+    def _restore_search(self, state: dict[str, Any]) -> None:
+        pass
+
+
+def test_an_optimizer_that_does_not_learn_is_refused_before_it_is_asked() -> None:
+    with pytest.raises(InputError, match="_learn"):
+        make_optimizer(Forgetful, ONE_FAILED, 0)

@@ -5,14 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.optimizer import Observation, Optimizer
+from hexctl.adapt.optimizer import Observation, Optimizer, Prediction, Trim
+from hexctl.control.assessment.top_speed import Stride
+from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError, InputError
 
 #: Codes without a fresh one after which a search gets help: ten generations of ten.
 PATIENCE = 100
-
-#: Methods that the wrapped optimizer answers itself.
-PASSED_ON = ("recommended", "repeat", "trim", "stride", "predict", "early_stopping")
 
 
 class SpaceExhaustedError(HexctlError, RuntimeError):
@@ -47,8 +46,6 @@ class Deduplication(Optimizer):
         self._random = np.random.default_rng(seed).spawn(1)[0]
         self.name, self.judges_target, self.trims = inner.name, inner.judges_target, inner.trims
         self._inner = inner
-        for name in PASSED_ON:
-            setattr(self, name, getattr(inner, name))
         self._rules = {"patience": patience, "paper_count": paper_count}
         self._patience, self._paper_count = patience, paper_count
         self._scores: dict[int, float] = {}
@@ -71,6 +68,30 @@ class Deduplication(Optimizer):
     def worthwhile(self) -> bool:
         """As the wrapped optimizer."""
         return self._inner.worthwhile
+
+    def recommended(self) -> int | None:
+        """As the wrapped optimizer."""
+        return self._inner.recommended()
+
+    def repeat(self, code: int, score: float, observation: Observation) -> None:
+        """Pass a walk without an ask to the wrapped optimizer."""
+        self._inner.repeat(code, score, observation)
+
+    def trim(self, code: int) -> Trim | None:
+        """As the wrapped optimizer."""
+        return self._inner.trim(code)
+
+    def stride(self, code: int) -> Stride | None:
+        """As the wrapped optimizer."""
+        return self._inner.stride(code)
+
+    def predict(self, code: int) -> Prediction | None:
+        """As the wrapped optimizer."""
+        return self._inner.predict(code)
+
+    def early_stopping(self, code: int) -> Enough | None:
+        """As the wrapped optimizer."""
+        return self._inner.early_stopping(code)
 
     def _suggest(self, count: int) -> list[int]:
         if self._paper_count:

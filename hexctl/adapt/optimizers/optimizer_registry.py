@@ -1,11 +1,18 @@
 """The registry of optimizers."""
 
-from functools import partial
-from importlib import import_module
-
 from hexctl.adapt.objectives import load_own
 from hexctl.adapt.optimizer import Optimizer, OptimizerChoice, OptimizerClass
-from hexctl.adapt.optimizers.shipped import BAYES, NAMES, OF_SESSIONS, OPTIMIZERS, STRIDES, TRIM
+from hexctl.adapt.optimizers import baselines, population
+from hexctl.adapt.optimizers.shipped import (
+    BASELINES,
+    BAYES,
+    NAMES,
+    OF_SESSIONS,
+    OPTIMIZERS,
+    POPULATIONS,
+    STRIDES,
+    TRIM,
+)
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError, argument, check_type
 from hexctl.typed_names import nearest
@@ -20,7 +27,8 @@ def name_of(optimizer: OptimizerChoice) -> str:
             f"{argument('optimizer')}: got {optimizer!r}; allowed: a name, or a subclass of Optimizer"
         )
     address = f"{optimizer.__module__}:{optimizer.__qualname__}"
-    shipped = {f"{__package__}.{place}": name for name, place in (OF_SESSIONS | OPTIMIZERS).items()}
+    places = OF_SESSIONS | {name: f"baselines:{kind}" for name, kind in BASELINES.items()}
+    shipped = {f"{__package__}.{place}": name for name, place in places.items()}
     return shipped.get(address, address)
 
 
@@ -33,13 +41,11 @@ def make_optimizer(name: OptimizerChoice | OptimizerClass, space: GaitSpace, see
     if callable(name):
         return name(space, seed)
     check_type(name, str, "optimizer", f"{BAYES} (with a prior), {known}, or an Optimizer class")
-    if name in OPTIMIZERS:
-        place, _, kind = OPTIMIZERS[name].partition(":")
-        module = import_module(f"{__package__}.{place}")
-        found = getattr(module, kind)
-        of_codes = found if _is_optimizer(found) else partial(module.PopulationOptimizer, name, found)
-        made: Optimizer = of_codes(space, seed)
-        return made
+    if name in POPULATIONS:
+        return population.PopulationOptimizer(name, getattr(population, POPULATIONS[name]), space, seed)
+    if name in BASELINES:
+        baseline: type[Optimizer] = getattr(baselines, BASELINES[name])
+        return baseline(space, seed)
     if name in OF_SESSIONS:
         commands = "hexctl adapt and hexctl study --transfer" if name == BAYES else "hexctl adapt"
         raise InputError(

@@ -117,7 +117,8 @@ def _believing(spec: SessionSpec) -> Contradictions:
     repeats, early, worth = map(argument, ("count_repeats", "early_stop", "worth_m"))
     often = "without, as bayes repeats a gait when that is most informative"
     yield spec.count_repeats, f"{repeats}: used with bayes", often
-    steered = spec.hold != "none" and spec.optimizer != TRIM
+    # Other objectives have no prior for steered walks, which is reported instead.
+    steered = spec.hold != "none" and spec.optimizer != TRIM and spec.objective in SCORES
     scored = f"with {argument('objective')} {spec.objective}"
     ends = "with final, which can be predicted before the end of a walk"
     yield steered and spec.early_stop, f"{early}: used {scored}", ends
@@ -133,10 +134,17 @@ def _with_prior(spec: SessionSpec, path: Path) -> SessionSpec:
     kept = replace(kept, optimizer=BAYES)
     if spec.hold != "none":
         return kept
-    noise_m = SIMULATED_NOISE_M if spec.simulated else REAL_NOISE_M
+    noise_m = assumed_noise_m(spec)
     return replace(
         kept,
         target_m=DEFAULT_TARGET_M if spec.target_m is None else spec.target_m,
         worth_m=max(noise_m, spec.uncertainty_m) if spec.worth_m is None else spec.worth_m,
         noise_m=noise_m,
     )
+
+
+def assumed_noise_m(spec: SessionSpec) -> float:
+    """Standard deviation between trials of one gait that is assumed before any repeat."""
+    if spec.noise_m is not None:
+        return spec.noise_m
+    return SIMULATED_NOISE_M if spec.simulated else REAL_NOISE_M

@@ -57,9 +57,9 @@ _KINDS = {TrialRecord: "trial", BaselineRecord: "baseline", ConfirmationRecord: 
 
 def standing_line(session: Session) -> bytes:
     """Line of a session's standing; raises TypeError for a value that JSON cannot hold."""
+    values = {field.name: getattr(session, field.name) for field in fields(Standing)}
     spec = {name: _number(value) for name, value in asdict(session.spec).items()}
-    standing = {"created": session.created, "spec": spec, "ended": session.ended}
-    return _text({"session": {**standing, "settled_on": session.settled_on}})
+    return _text({"session": {**values, "spec": spec}})
 
 
 def _number(value: object) -> object:
@@ -96,9 +96,8 @@ def read_session(name: str, content: bytes) -> tuple[Session, dict[int, str]]:
     standings = [line.session for line in lines.values() if line.session is not None]
     if not standings:
         raise ValueError(next(iter(damaged.values()), "it is empty"))
-    last, stored_bytes = standings[-1], len(content) - len(cut_off)
-    session = Session(name=name, spec=last.spec, created=last.created, stored_bytes=stored_bytes)
-    session.ended, session.settled_on = last.ended, last.settled_on
+    last = {field.name: getattr(standings[-1], field.name) for field in fields(Standing)}
+    session = Session(name=name, stored_bytes=len(content) - len(cut_off), **last)
     for number, line in lines.items():
         try:
             _take_in_line(session, line)

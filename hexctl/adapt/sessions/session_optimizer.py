@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from hexctl.adapt.optimizer import Optimizer, OptimizerClass
-from hexctl.adapt.optimizers.bayes import SIMULATED_NOISE_M, Bayes
+from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.score_bayes import REAL_NOISE, SIMULATED_NOISE, WORTH, ScoreBayes
@@ -13,7 +13,7 @@ from hexctl.adapt.optimizers.shipped import STRIDES, TRIM
 from hexctl.adapt.optimizers.strides import StrideSearch
 from hexctl.adapt.optimizers.trim import TrimSearch
 from hexctl.adapt.prior.prior import Prior, ScorePrior
-from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M
+from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M, assumed_noise_m
 from hexctl.adapt.prior.samples import drift_samples_of, samples_of, score_samples_of
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.space import GaitSpace
@@ -77,7 +77,7 @@ def make_search(
         target_m=DEFAULT_TARGET_M if spec.target_m is None else spec.target_m,
         duration_s=spec.duration_s,
         floor_m=progress_floor_m(robot, plan, plan.duration_s),
-        noise_m=SIMULATED_NOISE_M if spec.noise_m is None else spec.noise_m,
+        noise_m=assumed_noise_m(spec),
         uncertainty_m=spec.uncertainty_m,
         worth_m=spec.worth_m or 0.0,
         budget=spec.budget - spec.confirm,

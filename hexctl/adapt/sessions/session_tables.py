@@ -11,6 +11,9 @@ from hexctl.control.assessment.top_speed import STRIDE
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.files import OnDamage
 
+#: Parts of the prediction of a trial, a column each.
+EXPECTED = ("signed_m", "low_m", "high_m", "chance")
+
 #: Fields of `SessionSpec` that come last in an exported row.
 ASKED_COLUMNS = ("robot", "world", "failure", "duration_s", "target_m")
 
@@ -41,11 +44,12 @@ def flat_rows(session: Session) -> list[dict[str, Any]]:
 def _trial_columns(trial: TrialRecord) -> dict[str, Any]:
     values = trial.as_json()
     deviation, stride = values.pop("deviation_m"), values.pop("stride") or dict.fromkeys(STRIDE)
-    del values["expected"]
+    expected = values.pop("expected") or {}
     return {
         **values,
         "slots": " ".join(map(str, trial.slots)),
         **{f"deviation_{name}_m": value for name, value in deviation.items()},
+        **{f"expected_{name}": expected.get(name) for name in EXPECTED},
         **stride,
     }
 

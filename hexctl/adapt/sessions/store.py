@@ -240,7 +240,13 @@ def _found(folder: Path) -> list[str]:
         raise InputError(f"sessions: {folder_trouble(folder, error)}; {ALLOWED_FOLDER}") from error
     except OSError as error:
         raise StoreError(f"sessions: {folder}/ cannot be read ({error.strerror})") from error
-    return sorted(name for name in names if os.path.lexists(folder / name / FILE_NAME))
+    found = [name for name in names if os.path.lexists(folder / name / FILE_NAME)]
+    return sorted(found, key=_order)
+
+
+def _order(name: str) -> list[str | int]:
+    """Order of sessions: by name, which begins with their time, with numbers as such."""
+    return [int(part) if number % 2 else part for number, part in enumerate(re.split("([0-9]+)", name))]
 
 
 @contextmanager
