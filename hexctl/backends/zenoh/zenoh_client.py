@@ -393,7 +393,7 @@ def linked_robot(
             others = [] if name is None else ask(session, link.keys(ANY_ROBOT).describe)
             if not others:
                 raise
-            raise _not_one(name or "none", [robot_of(answer) for answer in others]) from None
+            raise _not_one(f"{name}", [robot_of(answer) for answer in others]) from None
         robots = [robot_of(answer) for answer in answers]
         if len(robots) > 1 and name is not None:
             raise RobotFaultError(
