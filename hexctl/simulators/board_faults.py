@@ -93,7 +93,10 @@ BROWN_OUT_SHARE = 0.6
 
 
 class BusFaults:
-    """Active faults; `mute` servos neither answer nor obey, (18,)."""
+    """Active faults; `mute` servos neither answer nor obey, (18,).
+
+    `temperatures` in degrees Celsius and shares of damaged answers (`cables`) are by joint.
+    """
 
     #: Temperature from which a servo reports an error.
     HOT_C = 70.0
@@ -103,8 +106,9 @@ class BusFaults:
 
     def __init__(self) -> None:
         self.mute: BoolArray = np.zeros(N_JOINTS, dtype=bool)
+        self.temperatures: dict[int, float] = {}
+        self.cables: dict[int, float] = {}
         self._values: dict[str, float] = {}  # numbers of faults of the line, by word; 1 without a number
-        self._of_joints: dict[str, dict[int, float]] = {}  # numbers of faults of servos, by word and joint
 
     @property
     def dead(self) -> BoolArray:
@@ -121,16 +125,6 @@ class BusFaults:
         """Share of control periods with random bytes."""
         return self._values.get("noise", 0.0)
 
-    @property
-    def temperatures(self) -> dict[int, float]:
-        """Temperatures of hot servos in degrees Celsius, by joint."""
-        return self._of_joints.get("hot", {})
-
-    @property
-    def cables(self) -> dict[int, float]:
-        """Shares of damaged answers of servos with bad cables, by joint."""
-        return self._of_joints.get("bad-cable", {})
-
     def begin(self, fault: BoardFault) -> None:
         """Begin a fault of the line or of answers."""
         value = 1.0 if fault.value is None else fault.value
@@ -140,8 +134,10 @@ class BusFaults:
             self.mute[fault.joint] = True
         elif fault.kind == "only":
             self.mute = np.arange(N_JOINTS) != fault.joint
-        else:
-            self._of_joints.setdefault(fault.kind, {})[fault.joint] = value
+        elif fault.kind == "hot":
+            self.temperatures[fault.joint] = value
+        elif fault.kind == "bad-cable":
+            self.cables[fault.joint] = value
 
     def voltage(self, usual_v: float) -> float:
         """Voltage at the servos."""
