@@ -95,8 +95,7 @@ BROWN_OUT_SHARE = 0.6
 class BusFaults:
     """Active faults; `mute` servos neither answer nor obey, (18,).
 
-    `values` of faults of the line are by word, 1 without a number, `of_joints` those of single servos by word
-    and joint: temperatures in degrees Celsius (`hot`), and shares of damaged answers (`bad-cable`).
+    `temperatures` in degrees Celsius and shares of damaged answers (`cables`) are by joint.
     """
 
     #: Temperature from which a servo reports an error.
@@ -107,44 +106,57 @@ class BusFaults:
 
     def __init__(self) -> None:
         self.mute: BoolArray = np.zeros(N_JOINTS, dtype=bool)
-        self.values: dict[str, float] = {}
-        self.of_joints: dict[str, dict[int, float]] = {"hot": {}, "bad-cable": {}}
+        self.temperatures: dict[int, float] = {}
+        self.cables: dict[int, float] = {}
+        self._values: dict[str, float] = {}  # numbers of faults of the line, by word; 1 without a number
 
     @property
     def dead(self) -> BoolArray:
         """Which servos have no torque, (18,)."""
-        return self.mute | ("brown-out" in self.values)
+        return self.mute | ("brown-out" in self._values)
+
+    @property
+    def echoes(self) -> bool:
+        """Whether the adapter sends back all bytes that it gets."""
+        return "echo" in self._values
+
+    @property
+    def noise(self) -> float:
+        """Share of control periods with random bytes."""
+        return self._values.get("noise", 0.0)
 
     def begin(self, fault: BoardFault) -> None:
         """Begin a fault of the line or of answers."""
         value = 1.0 if fault.value is None else fault.value
-        if fault.kind == "only":
-            self.mute[:] = True
         if fault.joint is None:
-            self.values[fault.kind] = value
-        elif fault.kind in ("only", "mute"):
-            self.mute[fault.joint] = fault.kind == "mute"
-        elif fault.kind in self.of_joints:
-            self.of_joints[fault.kind][fault.joint] = value
+            self._values[fault.kind] = value
+        elif fault.kind == "mute":
+            self.mute[fault.joint] = True
+        elif fault.kind == "only":
+            self.mute = np.arange(N_JOINTS) != fault.joint
+        elif fault.kind == "hot":
+            self.temperatures[fault.joint] = value
+        elif fault.kind == "bad-cable":
+            self.cables[fault.joint] = value
 
     def voltage(self, usual_v: float) -> float:
         """Voltage at the servos."""
-        usual_v = self.values.get("battery", usual_v)
-        return min(self.BROWN_OUT_V, BROWN_OUT_SHARE * usual_v) if "brown-out" in self.values else usual_v
+        usual_v = self._values.get("battery", usual_v)
+        return min(self.BROWN_OUT_V, BROWN_OUT_SHARE * usual_v) if "brown-out" in self._values else usual_v
 
     def damaged(
         self, answer: bytes, packets: PacketFormat, rng: random.Random, joint: int | None = None
     ) -> bytes:
         """Answer of a joint's servo, sometimes garbled, or with wrong numbers."""
-        if self.values.pop("wild-once", 0.0) or rng.random() < self.values.get("wild", 0.0):
+        if self._values.pop("wild-once", 0.0) or rng.random() < self._values.get("wild", 0.0):
             for packet in PacketStream(packets).feed(answer):
                 return packets.status(packet.servo_id, packet.error, rng.randbytes(len(packet.parameters)))
         return self._garbled(answer, rng, joint)
 
     def _garbled(self, answer: bytes, rng: random.Random, joint: int | None = None) -> bytes:
         """Answer of a joint's servo, or sometimes parts of it."""
-        cable = 0.0 if joint is None else self.of_joints["bad-cable"].get(joint, 0.0)
-        if rng.random() >= max(self.values.get("garble", 0.0), cable):
+        cable = 0.0 if joint is None else self.cables.get(joint, 0.0)
+        if rng.random() >= max(self._values.get("garble", 0.0), cable):
             return answer
         how, place = rng.randrange(3), rng.randrange(len(answer))
         if how == 0:

@@ -68,7 +68,7 @@ class BusBoard(SimulatedBoard):
         self._occupy(len(data))
         if self._unplugged or not self._understands():
             return
-        if "echo" in self._faults.values:
+        if self._faults.echoes:
             self._line.send(data)
         self._data += data
         while True:
@@ -97,7 +97,7 @@ class BusBoard(SimulatedBoard):
         self._line.send(data)
 
     def _sender(self, answer: bytes) -> int | None:
-        packet = self._family.packets.take(answer)[0] if self._faults.of_joints["bad-cable"] else None
+        packet = self._family.packets.take(answer)[0] if self._faults.cables else None
         joints = [] if packet is None else self._family.named([packet[0]])
         return joints[0] if joints else None
 
@@ -118,7 +118,7 @@ class BusBoard(SimulatedBoard):
 
     def _tick(self) -> None:
         super()._tick()
-        if self._random.random() < self._faults.values.get("noise", 0.0):
+        if self._random.random() < self._faults.noise:
             self._line.send(self._random.randbytes(self._random.randrange(1, 8)))
 
     def _servo_targets(self) -> tuple[BoolArray, FloatArray]:

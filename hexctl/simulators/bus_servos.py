@@ -84,7 +84,7 @@ class SimulatedServos(ABC):
     def show(self, counts: FloatArray, efforts: FloatArray) -> None:
         """Set the joints' counts and their shares of the maximum torques, (18,)."""
         for joint, servo in enumerate(self.servos):
-            temperature_c = self._faults.of_joints["hot"].get(joint, USUAL_C)
+            temperature_c = self._faults.temperatures.get(joint, USUAL_C)
             servo.show(counts[joint], efforts[joint], self._faults.voltage(servo.usual_v), temperature_c)
             if temperature_c > self._faults.HOT_C:
                 servo.trip(hot=True)

@@ -70,8 +70,8 @@ class BusServo(SimulatedServo):
         ):
             if register is not None:
                 self.set(register, value)
-        for setting in table.settings:
-            self.set(setting.register, setting.into(round(self.number(setting.register))))
+        for required in table.required:
+            self.set(required.register, required.into(round(self.number(required.register))))
         self._kept = bytes(self.memory[: table.ram])
         self.restart()
 
@@ -121,8 +121,7 @@ class BusServo(SimulatedServo):
         if table.torque_limit is not None and self.number(table.torque_limit) == 0:
             return False
         if table.mode is not None:
-            modes = [each.value for each in table.settings if each.register == table.mode]
-            return self.memory[table.mode.address] in modes
+            return self.memory[table.mode.register.address] == table.mode.value
         return not self.number(table.least) == self.number(table.most) == 0
 
     def goal(self, now_s: float) -> float:
@@ -220,7 +219,12 @@ class BusServo(SimulatedServo):
             return ACCESS
         if two and address == table.servo_id.address and data[0] > MOST_ID:
             return RANGE
-        if two and table.mode is not None and address == table.mode.address and data[0] not in _MODES:
+        if (
+            two
+            and table.mode is not None
+            and address == table.mode.register.address
+            and data[0] not in _MODES
+        ):
             return RANGE
         if address == table.goal.address and len(data) >= table.goal.size:
             goal = table.goal.value(int.from_bytes(data[: table.goal.size], table.byte_order))

@@ -31,20 +31,24 @@ def test_another_driver_that_fits_is_named(driver: str, capsys: pytest.CaptureFi
         assert exit_code(words) == (2 if driver == "dynamixel" else 3)
         printed = capsys.readouterr()
         assert printed.out.strip() in ("", "[]")
-        assert "Feetech servos (sts3215) answer at 1000000 baud" in printed.err
+        assert "servos (sts3215) answer with --driver feetech --baud 1000000" in printed.err
         words = ["servos", "scan", "--driver", driver, "--connect", bus.path, "--baud", "all"]
         assert exit_code(words) == 2
         said = capsys.readouterr().err
-    assert said == f"hexctl: --driver: got {driver}, but Feetech servos (sts3215) answer at 1000000 baud\n"
+    advice = "servos (sts3215) answer with --driver feetech --baud 1000000"
+    assert said == f"hexctl: --driver: got {driver}, but {advice}\n"
 
 
-def test_servos_at_another_baud_are_hinted_at_and_found_with_all(capsys: pytest.CaptureFixture[str]) -> None:
-    with memory_bus(a_map(), *ONLY_ONE, baud=115_200) as bus:
+@pytest.mark.parametrize("model", ["sts3215", "sts3032"])  # the second reports no known number
+def test_servos_at_another_baud_are_hinted_at_and_found_with_all(
+    model: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with memory_bus(a_map(model=model), *ONLY_ONE, baud=115_200) as bus:
         words = ["servos", "scan", "--driver", "feetech", "--connect", bus.path, "--json"]
         assert exit_code(words) == 3
         printed = capsys.readouterr()
         assert json.loads(printed.out) == []
-        assert "Feetech servos (sts3215) answer at 115200 baud" in printed.err
+        assert "servos answer at 115200 baud: a wrong baud rate" in printed.err
         assert exit_code([*words, "--baud", "all"]) == 0
         found = json.loads(capsys.readouterr().out)
     assert [(each["id"], each["baud"]) for each in found] == [(1, 115_200)]
@@ -146,6 +150,7 @@ def test_a_scan_is_an_array_or_a_table_and_a_robot_file_names_the_joints(
         printed = capsys.readouterr()
         assert exit_code(["servos", "scan", "--robot", str(file)]) == 0
         table = capsys.readouterr().out
+    assert "firmware 3.10, 12 V type, 4 to 14 V: all" in printed.err
     assert all(text in table for text in ("leg1_femur", "sts3215", " counts", " V", " °C"))
     assert max(map(len, table.splitlines())) <= 80
     found = json.loads(printed.out)

@@ -120,6 +120,6 @@ class LineCondition:
         self._bad = begins | (self._bad & (shares >= GOOD))
         if not self._bad.any():
             return []
-        many = np.count_nonzero(self._bad) > MOST_LINES
-        whose = "most servos" if many else self._map.names(self._bad)
+        count = np.count_nonzero(self._bad)
+        whose = f"{count} servos" if count > MOST_LINES else self._map.names(self._bad)
         return [f"bad cable or noise: answers of {whose} are damaged or missing"]

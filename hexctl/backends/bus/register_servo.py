@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import READ, REBOOT, WRITE, StatusPacket
-from hexctl.backends.bus.registers import Register, Setting, bit_words, table_of
+from hexctl.backends.bus.registers import Register, RequiredValue, bit_words, table_of
 from hexctl.backends.bus.servo import TRIES, FoundServo, Servo, ServoSettings
 from hexctl.robot.servos.servo_models import SERVO_TYPES, ServoType
 
@@ -219,19 +219,20 @@ class RegisterServo(Servo):
             self._lock(open_=False)
         if said := self.change(table.return_delay, 0):
             notes.append(f"its return delay cannot be set to 0 ({said})")
-        for setting, now in self._deviations():
-            if setting.is_set:
-                said = self.change(setting.register, setting.into(now))
-                notes.append(_changed(f"{setting.words} from {setting.of(now)} to {setting.value}", said))
-                notes += [] if said else self._set_to_zero(setting.zeroes)
+        for required, now in self._deviations():
+            if required.writable:
+                said = self.change(required.register, required.into(now))
+                notes.append(_changed(f"{required.name} from {required.of(now)} to {required.value}", said))
+                if not said:
+                    notes += self._set_to_zero(required.then_zero)
         return notes
 
-    def _deviations(self) -> Iterator[tuple[Setting, int]]:
-        """Settings with another value than required, and the raw numbers of their registers."""
-        for setting in self.table.settings:
-            raw = self.read_twice(setting.register)
-            if raw is not None and setting.of(raw) != setting.value:
-                yield setting, raw
+    def _deviations(self) -> Iterator[tuple[RequiredValue, int]]:
+        """Required values that the servo does not have, and the raw numbers of their registers."""
+        for required in self.table.required:
+            raw = self.read_twice(required.register)
+            if raw is not None and required.of(raw) != required.value:
+                yield required, raw
 
     def _set_to_zero(self, registers: Sequence[Register]) -> list[str]:
         """Set durations of moves to none: as limits of speed and acceleration they mean something else."""
@@ -317,9 +318,9 @@ class RegisterServo(Servo):
             return f"its model number {self._number} is not known"
         if self.table.mode is None and least == most == 0:
             return "it is in wheel mode, with both angle limits at 0; set them with the vendor's tool"
-        for setting, now in self._deviations():
-            remedy = _LATER if setting.is_set else "change that with the vendor's tool"
-            return f"{setting.words} is {setting.of(now)}, not {setting.value}; {remedy}"
+        for required, now in self._deviations():
+            remedy = _LATER if required.writable else "change that with the vendor's tool"
+            return f"{required.name} is {required.of(now)}, not {required.value}; {remedy}"
         return ""
 
     def _notes(self) -> list[str]:
@@ -336,6 +337,8 @@ class RegisterServo(Servo):
             notes.append(f"its torque is limited to {100 * now:.0f} % until it restarts")
         if speed := self.value_twice(table.speed):
             notes.append(f"its speed is limited to {self._speed_unit() * speed:.0f} degrees/s")
+        if acceleration := self.value_twice(table.acceleration):
+            notes.append(f"its acceleration is limited to {acceleration:.0f} degrees/s^2")
         if alert := self.hardware_error():
             bits = self.read_twice(table.hardware_error)
             tripped = shutdown is None or bits is None or bits & shutdown
@@ -358,7 +361,8 @@ class RegisterServo(Servo):
         """Notes on a supply that it is not made for, and on old firmware."""
         notes, firmware = [], self.firmware()
         limits, volts = self._voltage_limits(), self.value_twice(self.table.voltage)
-        kind = ", ".join(filter(None, (firmware and f"firmware {firmware}", self.variant())))
+        parts = [f"firmware {firmware}" if firmware else "", self.variant()]
+        kind = ", ".join(filter(None, parts))
         if limits is not None and volts and volts < limits[0]:
             notes.append(f"its supply is low, {volts:.3g} V ({kind}); charge the battery, or check its cable")
         elif limits is not None and volts and volts > limits[1]:

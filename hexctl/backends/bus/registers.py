@@ -43,21 +43,21 @@ class Register:
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class RequiredValue:
     """Value that a register, or one bit of it, must have for goals to be followed.
 
     Attributes:
-        words: name of it.
-        is_set: whether it is set while the servo has no torque; else a servo with another value is refused.
-        zeroes: registers that are 0 once it was set.
+        name: in messages.
+        writable: whether hexctl writes it while the servo has no torque; else it refuses another value.
+        then_zero: registers to set to 0 after it was written.
     """
 
     register: Register
     value: int
-    words: str
+    name: str
     bit: int | None = None
-    is_set: bool = True
-    zeroes: tuple[Register, ...] = ()
+    writable: bool = True
+    then_zero: tuple[Register, ...] = ()
 
     def of(self, raw: int) -> int:
         """Its value in the raw number of its register."""
@@ -91,8 +91,8 @@ class RegisterTable:
     ram: int  # first volatile address; settings below it can change only without torque
     least: Register  # lowest goal that the servo takes
     most: Register  # highest goal
-    mode: Register | None = None  # without one, a servo with both limits at 0 is in wheel mode
-    settings: tuple[Setting, ...] = ()
+    mode: RequiredValue | None = None  # without one, a servo with both limits at 0 is in wheel mode
+    also_required: tuple[RequiredValue, ...] = ()  # that change what counts and goals mean
     slow_unit: tuple[Register, int, float] | None = None  # speeds count so many times as much without a bit
     status_level: tuple[Register, int] | None = None  # which instructions are answered, and all of them
     shadow_id: Register | None = None  # another id whose goals it follows; none above the highest id
@@ -104,6 +104,7 @@ class RegisterTable:
     protections: Mapping[int, str] = field(default_factory=dict)  # bits of `shutdown` that protect it
     overload_torque: Register | None = None  # share of its torque that a servo keeps after an overload
     max_torque: Register | None = None  # at power-up
+    acceleration: Register | None = None  # its limit in degrees/s^2; 0 is none
     torque_limit: Register | None = None  # now; some servos set it to 0 after an overload
     soft_torque: Register | None = None  # limits the torque of single servos while they are tried
     speed: Register | None = None  # highest, 0 for full
@@ -113,6 +114,11 @@ class RegisterTable:
     unlock: Register | None = None  # 0 while settings are kept
     errors: Mapping[int, str] = field(default_factory=dict)  # of the error byte: how the servo is, by bit
     refusals: Mapping[int, str] = field(default_factory=dict)  # of an instruction: bits, in protocol 2 codes
+
+    @cached_property
+    def required(self) -> tuple[RequiredValue, ...]:
+        """Values that a servo must have for goals to be followed."""
+        return self.also_required if self.mode is None else (self.mode, *self.also_required)
 
     @cached_property
     def reported(self) -> tuple[Register | None, ...]:
@@ -220,8 +226,7 @@ XL320 = replace(
     voltage=Register(45, scale=0.1),
     temperature=Register(46),
     sync_read=True,
-    mode=Register(11),
-    settings=(Setting(Register(11), 2, "its operating mode"),),
+    mode=RequiredValue(Register(11), 2, "its operating mode"),
     status_level=(Register(17), 2),
     voltages=(Register(13, scale=0.1), Register(14, scale=0.1)),
     protections={0: "overload", 1: "heat"},
@@ -252,12 +257,13 @@ X = RegisterTable(
     ram=64,
     least=Register(52, 4),
     most=Register(48, 4),
-    mode=Register(11),
-    settings=(
-        Setting(Register(11), 3, "its operating mode"),
-        Setting(Register(10), 0, "its flag for moves by time (time-based profile)", 2, zeroes=_X_PROFILE),
-        Setting(Register(10), 0, "its flag for counts in reverse", 0, is_set=False),
-        Setting(Register(10), 0, "its flag for goals that switch its torque on", 3, is_set=False),
+    mode=RequiredValue(Register(11), 3, "its operating mode"),
+    also_required=(
+        RequiredValue(
+            Register(10), 0, "its flag for moves by time (time-based profile)", 2, then_zero=_X_PROFILE
+        ),
+        RequiredValue(Register(10), 0, "its flag for counts in reverse", 0, writable=False),
+        RequiredValue(Register(10), 0, "its flag for goals that switch its torque on", 3, writable=False),
     ),
     status_level=(Register(68), 2),
     shadow_id=Register(12),
@@ -269,6 +275,7 @@ X = RegisterTable(
     max_torque=Register(36, 2, scale=1 / 885),
     soft_torque=Register(100, 2, "twos", 1 / 885),
     speed=Register(112, 4, scale=1.374),
+    acceleration=Register(108, 4, scale=21.458),
     hardware_error=Register(70),
     hardware_errors={0: "voltage", 2: "hot", 3: "encoder", 4: "electrical shock", 5: "overload"},
     watchdog=Register(98),
@@ -297,12 +304,11 @@ STS = RegisterTable(
     ram=40,
     least=Register(9, 2),
     most=Register(11, 2),
-    mode=Register(33),
-    settings=(
-        Setting(Register(33), 0, "its operating mode"),
-        Setting(Register(18), 0, "its flag for positions beyond one turn", 4),
-        Setting(Register(18), 1, "its flag for a speed of 0 as full speed", 3),
-        Setting(Register(30), 1, "its angular resolution"),
+    mode=RequiredValue(Register(33), 0, "its operating mode"),
+    also_required=(
+        RequiredValue(Register(18), 0, "its flag for positions beyond one turn", 4),
+        RequiredValue(Register(18), 1, "its flag for a speed of 0 as full speed", 3),
+        RequiredValue(Register(30), 1, "its angular resolution"),
     ),
     slow_unit=(Register(18), 2, 50.0),
     status_level=(Register(8), 1),
@@ -317,6 +323,7 @@ STS = RegisterTable(
     torque_limit=Register(48, 2, scale=0.001),
     soft_torque=Register(48, 2, scale=0.001),
     speed=Register(46, 2, "bit15", 360 / 4096),
+    acceleration=Register(41, scale=100 * 360 / 4096),
     unlock=Register(55),
     errors={0: "voltage", 1: "encoder", 2: "hot", 3: "current", 5: "overload"},
 )
@@ -330,7 +337,7 @@ SCS = replace(
     current=None,
     sync_read=False,
     mode=None,
-    settings=(),
+    also_required=(),
     slow_unit=None,
     least_firmware=None,
     variants=(),
@@ -338,6 +345,7 @@ SCS = replace(
     torque_limit=None,
     soft_torque=None,
     speed=Register(46, 2, scale=300 / 1023),
+    acceleration=None,
     unlock=Register(48),
 )
 

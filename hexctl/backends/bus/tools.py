@@ -27,9 +27,6 @@ IDS, FACTORY_ID = tuple(range(int(SERVO_ID.low), int(SERVO_ID.high) + 1)), 1
 #: Protocols of each driver, the more likely one first.
 PROTOCOLS_OF = {"dynamixel": (2, 1), "feetech": (1,), "lx16a": (1,)}
 
-#: Names of the servos of each driver.
-FAMILIES = {"dynamixel": "Dynamixel", "feetech": "Feetech", "lx16a": "LX-16A"}
-
 #: Bus of each driver.
 BUSES: dict[str, type[ServoBus]] = {"dynamixel": RegisterBus, "feetech": RegisterBus, "lx16a": lx.Lx16aBus}
 
@@ -93,22 +90,37 @@ def servo_with(packets: PacketLine, driver: str, protocol: int, servo_id: int) -
     return register_servo(packets, driver, servo_id, protocol)
 
 
-def the_servo(line: SerialLine, driver: str, servo_id: int) -> Servo:
-    """Servo with this id, in any protocol of the driver.
+def _protocols_of(driver: str) -> tuple[int, ...]:
+    """Protocols of a driver; raises InputError for an unknown one."""
+    if driver not in PROTOCOLS_OF:
+        raise InputError(f"{argument('driver')}: got {driver!r}; allowed: {', '.join(PROTOCOLS_OF)}")
+    return PROTOCOLS_OF[driver]
 
-    Raises RobotFaultError if none answers, and for damaged answers: several servos may have this id.
+
+def _find_servo(line: SerialLine, driver: str, servo_id: int) -> Servo | None:
+    """Servo with this id, in any protocol of the driver; None if none answers.
+
+    Raises RobotFaultError for damaged answers: several servos may have this id.
     """
-    for protocol in PROTOCOLS_OF[driver]:
+    for protocol in _protocols_of(driver):
         listener = Listener(tool_line(line, driver, protocol))
         answers = listener.answers(servo_id, tries=TRIES)
         if damage := listener.damage():
             raise RobotFaultError(damage.description(line.path))
         if answers:
             return servo_with(listener.packets, driver, protocol, servo_id)
-    raise RobotFaultError(
-        f"no servo with id {servo_id} answers on {line.path} at {line.baud} baud; `hexctl servos scan` shows "
-        "which do"
-    )
+    return None
+
+
+def the_servo(line: SerialLine, driver: str, servo_id: int) -> Servo:
+    """Servo with this id; raises RobotFaultError if none answers, or if answers are damaged."""
+    servo = _find_servo(line, driver, servo_id)
+    if servo is None:
+        raise RobotFaultError(
+            f"no servo with id {servo_id} answers on {line.path} at {line.baud} baud; `hexctl servos scan` "
+            "shows which do"
+        )
+    return servo
 
 
 def scan_bus(
@@ -127,9 +139,9 @@ def scan_bus(
         progress: called before each question.
         on_damage: called for each baud rate and protocol with bytes outside answers.
 
-    Raises RobotFaultError for a port that cannot be opened or is lost.
+    Raises InputError for another driver, RobotFaultError for a port that cannot be opened or is lost.
     """
-    protocols = PROTOCOLS_OF[driver]
+    protocols = _protocols_of(driver)
     asked, of = count(), len(bauds) * len(protocols) * len(ids)
     found: list[FoundServo] = []
     for baud in bauds:
@@ -167,34 +179,43 @@ def _look_at(
 def other_settings(
     path: str, driver: str, bauds: Collection[int], drivers: Collection[str] = tuple(PROTOCOLS_OF)
 ) -> str:
-    """Other drivers and usual baud rates at which servos answer, as text; empty for none."""
+    """Other drivers and usual baud rates at which servos answer, as text; empty for none.
+
+    Families answer each other's requests: a servo of a known model is preferred, and of another driver
+    required.
+    """
     others = [
         (each, baud) for each in drivers for baud in USUAL_BAUDS[each] if each != driver or baud not in bauds
     ]
-    found = [(FAMILIES[each], servo) for each, baud in others if (servo := _a_servo(path, each, baud))]
+    found = [
+        (each, servo)
+        for each, baud in others
+        if (servo := _a_servo(path, each, baud, known=each not in (driver, "lx16a")))
+    ]
+    found = [(each, servo) for each, servo in found if servo.model is not None] or found
     return " or ".join(
-        f"{family} servos{f' ({servo.model})' if servo.model else ''} answer at {servo.baud} baud"
-        for family, servo in found
+        f"servos answer at {servo.baud} baud: a wrong baud rate"
+        if each == driver
+        else f"servos{f' ({servo.model})' if servo.model else ''} answer with --driver {each} "
+        f"--baud {servo.baud}"
+        for each, servo in found
     )
 
 
-def _a_servo(path: str, driver: str, baud: int) -> FoundServo | None:
-    """A servo with one of a few ids; one that reports a model needs a known one.
-
-    Families answer each other's requests.
-    """
+def _a_servo(path: str, driver: str, baud: int, *, known: bool) -> FoundServo | None:
+    """A servo with one of a few ids; with `known` only one of a known model."""
     try:
         found = scan_bus(path, driver, baud, ids=FIRST_IDS)
     except RobotFaultError:
         return None  # a rate that the adapter does not have
-    return next((each for each in found if driver == "lx16a" or each.model is not None), None)
+    return next((each for each in found if each.model is not None or not known), None)
 
 
 def check_family(path: str, driver: str, bauds: Collection[int]) -> None:
-    """Raise InputError if servos answer, but none of this driver at these baud rates."""
-    if any(_a_servo(path, driver, baud) for baud in bauds):
+    """Raise InputError if servos of another driver answer, and none of this one at these baud rates."""
+    if any(_a_servo(path, driver, baud, known=driver != "lx16a") for baud in bauds):
         return
-    if others := other_settings(path, driver, bauds):
+    if others := other_settings(path, driver, bauds, [each for each in PROTOCOLS_OF if each != driver]):
         raise InputError(f"{argument('driver')}: got {driver}, but {others}")
 
 
@@ -204,9 +225,10 @@ def damage_report(damage: Damage, path: str, driver: str) -> str:
     return "; ".join(filter(None, (damage.description(path), others)))
 
 
-def nothing_answers(path: str, driver: str, bauds: Sequence[int]) -> str:
-    """Message for a line without servos and without damaged answers."""
-    advice = other_settings(path, driver, bauds) or f"are they powered, and is {driver} their driver?"
+def nothing_answers(path: str, driver: str, bauds: Sequence[int], *, all_asked: bool) -> str:
+    """Message for a line without servos and without damaged answers; `all_asked` after a search of all."""
+    others = "" if all_asked else other_settings(path, driver, bauds)
+    advice = others or f"are they powered, and is {driver} their driver?"
     return f"no {driver} servo answers on {path} at {' or '.join(map(str, bauds))} baud; {advice}"
 
 
@@ -215,8 +237,10 @@ def set_servo_id(
 ) -> FoundServo:
     """Change the id of the only servo on a bus, and read it under the new one.
 
-    Raises InputError unless exactly one servo answers, RobotFaultError when it does not take the id.
+    Raises InputError for another driver, for an id that no servo can have and unless exactly one servo
+    answers, RobotFaultError when it does not take the id.
     """
+    SERVO_ID.check(argument("new_id"), new_id)
     told = _ids_by_broadcast(path, baud) if driver == "lx16a" else []
     damages: list[Damage] = []
     found = scan_bus(path, driver, baud, ids=told or IDS, progress=progress, on_damage=damages.append)
@@ -355,8 +379,12 @@ def _adoptable(servos: BusMap, found: BoolArray) -> int | None:
 
 def _lost_servo(line: SerialLine, servos: BusMap, joint: int) -> tuple[Servo, FoundServo]:
     """Servo with the factory's id, and its readings; raises RobotFaultError unless it may be a joint's."""
-    servo, wanted = the_servo(line, servos.driver, FACTORY_ID), servos.models[joint]
-    seen, name = servo.look(), servos.names(np.arange(N_JOINTS) == joint)
+    servo, name = _find_servo(line, servos.driver, FACTORY_ID), servos.names(np.arange(N_JOINTS) == joint)
+    if servo is None:
+        raise RobotFaultError(
+            f"{name} does not answer, and no servo with id {FACTORY_ID} does; is its cable in?"
+        )
+    seen, wanted = servo.look(), servos.models[joint]
     if wanted.number is not None and seen.model_number != wanted.number:
         raise RobotFaultError(
             f"the servo with id {FACTORY_ID} reports model number {seen.model_number}, not "

@@ -5,6 +5,7 @@ first, and the bytes of messages that write. The answer is one packet: a byte, 0
 bytes of messages that read.
 """
 
+import errno
 import os
 import socket
 import struct
@@ -56,22 +57,6 @@ def decode_transaction(data: bytes) -> list[I2cMessage]:
     return messages
 
 
-def messages_of(i2c_msgs: Sequence[Any]) -> list[I2cMessage]:
-    """Messages of `smbus2.i2c_msg` as those of a transaction."""
-    return [
-        I2cMessage(message.addr, message.len)
-        if message.flags & READS
-        else I2cMessage(message.addr, data=bytes(message))
-        for message in i2c_msgs
-    ]
-
-
-def fill(i2c_msg: Any, data: bytes) -> None:
-    """Fill a message of `smbus2.i2c_msg` that reads."""
-    for place in range(len(data)):
-        i2c_msg.buf[place] = data[place : place + 1]
-
-
 class I2cSocket:
     """The controller's end, as `smbus2.SMBus`; OSError if nothing listens there."""
 
@@ -86,10 +71,17 @@ class I2cSocket:
 
     def i2c_rdwr(self, *i2c_msgs: Any) -> None:
         """Transfer messages of `smbus2.i2c_msg` in one transaction; those that read are filled."""
-        answer = self._transfer(messages_of(i2c_msgs))
+        messages = [
+            I2cMessage(message.addr, message.len)
+            if message.flags & READS
+            else I2cMessage(message.addr, data=bytes(message))
+            for message in i2c_msgs
+        ]
+        answer = self._transfer(messages)
         for message in i2c_msgs:
             if message.flags & READS:
-                fill(message, answer[: message.len])
+                for place in range(message.len):
+                    message.buf[place] = answer[place : place + 1]
                 answer = answer[message.len :]
 
     def close(self) -> None:
@@ -97,9 +89,10 @@ class I2cSocket:
         self._socket.close()
 
     def _transfer(self, messages: Sequence[I2cMessage]) -> bytes:
+        size = 1 + sum(message.reads for message in messages)
         try:
             self._socket.send(encode_transaction(messages))
-            answer = self._socket.recv(1 + sum(message.reads for message in messages))
+            answer = self._socket.recv(size)
         except OSError:
             self.close()  # an answer that comes late would be taken for the next one
             raise
@@ -107,4 +100,6 @@ class I2cSocket:
             raise ConnectionResetError("the simulated boards are disconnected")
         if answer[0]:
             raise OSError(answer[0], os.strerror(answer[0]))
+        if len(answer) < size:
+            raise OSError(errno.EPROTO, f"the simulated boards sent {len(answer)} of {size} bytes")
         return answer[1:]

@@ -376,10 +376,13 @@ class ZenohServos(TickedServos):
 
 
 @contextmanager
-def linked_robot(link: Link, role: Role, name: str | None = None) -> Iterator[tuple[zenoh.Session, Robot]]:
-    """Open a session on a link with a robot, the only one or that of a name, for a block.
+def linked_robot(
+    link: Link, role: Role, name: str | None = None, *, first: bool = False
+) -> Iterator[tuple[zenoh.Session, Robot]]:
+    """Session on a link, and its robot: the one called `name`, or else the only one.
 
-    Raises RobotFaultError if no robot answers, and InputError if several or only others answer.
+    With `first` it is the first that answers. Raises RobotFaultError if no robot answers or several have the
+    name, and InputError if several answer or none of them has the name.
     """
     asked = link.keys(ANY_ROBOT if name is None else name)
     with open_session(link, role, asked) as session:
@@ -392,7 +395,11 @@ def linked_robot(link: Link, role: Role, name: str | None = None) -> Iterator[tu
                 raise
             raise _not_one(f"{name}", [robot_of(answer) for answer in others]) from None
         robots = [robot_of(answer) for answer in answers]
-        if len(robots) > 1:
+        if len(robots) > 1 and name is not None:
+            raise RobotFaultError(
+                f"{len(robots)} robots called {name} answer at {link.endpoint}; give them different names"
+            )
+        if len(robots) > 1 and not first:
             raise _not_one("none", robots)
         yield session, robots[0]
 
@@ -404,11 +411,11 @@ def _not_one(got: str, there: list[Robot]) -> InputError:
 
 @contextmanager
 def subscribe_states(link: Link) -> Iterator[tuple[Robot, StateSubscriber]]:
-    """Robot at a link and a subscriber of its states, without commands, until the block ends.
+    """First robot that answers at a link and a subscriber of its states, without commands.
 
     Raises RobotFaultError when it sends no state; for other errors see `linked_robot`.
     """
-    with linked_robot(link, Role.VIEWER) as (session, robot):
+    with linked_robot(link, Role.VIEWER, first=True) as (session, robot):
         states = StateSubscriber(link.keys(robot.name), LatestValues(), plain=link.plain)
         states.subscribe(session)
         states.wait_for_first_s()

@@ -52,16 +52,17 @@ def scan(options: dict[str, Any], as_json: JsonOption = False) -> None:
     asked = ScanOptions(**options)
     bus = asked.address()
     bauds = asked.bauds_at(bus)
-    if asked.bauds == ALL_BAUDS:  # some seconds, in place of one or two minutes
+    if all_asked := asked.bauds == ALL_BAUDS:  # some seconds, in place of one or two minutes
         check_family(bus.path, bus.driver, bauds)
     with ScanProgress() as progress:
         damages: list[Damage] = []
         found = scan_bus(bus.path, bus.driver, *bauds, progress=progress.show, on_damage=damages.append)
     _note_models(bus, found)
+    _note_firmware(found)
     for damage in damages:
         print_note(damage_report(damage, bus.path, bus.driver))
     if not (found or damages):
-        print_note(nothing_answers(bus.path, bus.driver, bauds))
+        print_note(nothing_answers(bus.path, bus.driver, bauds, all_asked=all_asked))
     _print_scan(found, asked.servo_map() if found else None, as_json=as_json)
     raise typer.Exit(DONE if found and not damages else FAULT)
 
@@ -78,6 +79,17 @@ def _note_models(bus: BusAddress, found: "Sequence[FoundServo]") -> None:
         check_family(bus.path, bus.driver, {each.baud for each in found})
     if unknown:
         print_note(f"{len(unknown)} servos are of an unknown model: is {bus.driver} the right driver?")
+
+
+def _note_firmware(found: "Sequence[FoundServo]") -> None:
+    """Note firmware and type of servos that report them, one line for each kind."""
+    kinds: dict[str, list[str]] = {}
+    for each in found:
+        firmware = f"firmware {each.firmware}" if each.firmware else ""
+        if words := ", ".join(filter(None, (firmware, each.variant))):
+            kinds.setdefault(words, []).append(str(each.servo_id))
+    for words, ids in kinds.items():
+        print_note(f"{words}: " + ("all" if len(ids) == len(found) > 1 else f"id {', '.join(ids)}"))
 
 
 def _print_scan(found: "Sequence[FoundServo]", servo_map: "BusMap | None", *, as_json: bool) -> None:

@@ -107,6 +107,7 @@ X = [
     State("old firmware", "its firmware 37 is older than 38, and lacks a watchdog", stored(6, 37)),
     State("half torque", "its torque is limited to 50 %", now(100, 443, 2)),
     State("speed limit", "its speed is limited to 55 degrees/s", now(112, 40, 4)),
+    State("acceleration limit", "its acceleration is limited to 215 degrees/s^2", now(108, 10, 4)),
     State("no protection from heat", "it does not protect itself from heat", stored(63, 0b100000)),
 ]
 
@@ -122,6 +123,7 @@ STS = [
     State("more than one turn", "set its flag for positions beyond one turn from 1 to 0", stored(18, 28)),
     State("speed 0 is a stop", "set its flag for a speed of 0 as full speed from 0 to 1", stored(18, 4)),
     State("speed in 0.732 rpm", "its speed is limited to 44 degrees/s", both(stored(18, 8), now(46, 10, 2))),
+    State("acceleration limit", "its acceleration is limited to 439 degrees/s^2", now(41, 50)),
     State("angular resolution 3", "set its angular resolution from 3 to 1", stored(30, 3)),
     State(
         "angular resolution, torque on", "its angular resolution is 3, not 1", both(stored(30, 3), now(40, 1))

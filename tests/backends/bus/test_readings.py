@@ -202,7 +202,7 @@ def test_servos_that_say_why_they_let_go_have_not_restarted() -> None:
         ("feetech", "sts3215", "brown-out@1", lambda said: "brown-out" in said and "restarted" in said),
         ("lx16a", "lx16a", "brown-out@1", lambda said: "brown-out" in said and "restarted" in said),
         ("dynamixel", "ax12a", "bad-cable:3:femur:0.3", lambda said: "answers of leg 3 femur" in said),
-        ("feetech", "sts3215", "garble:0.4", lambda said: "answers of most servos" in said),
+        ("feetech", "sts3215", "garble:0.4", lambda said: "servos are damaged" in said),
     ],
 )
 def test_on_a_bus_each_is_told(driver: str, model: str, fault: str, told: Callable[[str], bool]) -> None:

@@ -86,13 +86,13 @@ def test_a_write_that_a_servo_refuses_is_told() -> None:
     servo, real = _servo("dynamixel", "xl430-w250")
     table = servo.table
     assert table.mode is not None
-    assert servo.write(table.mode, 9) == "range"
+    assert servo.write(table.mode.register, 9) == "range"
     assert servo.write(table.least, 1500) == ""
     assert servo.write(table.goal, 1000) == "limit"
     assert servo.write(table.torque, 1) == ""
-    assert servo.write(table.mode, 4) == "access"
+    assert servo.write(table.mode.register, 4) == "access"
     assert servo.write(table.model, 4) == "access"
-    assert real.number(table.mode) == 3
+    assert real.number(table.mode.register) == 3
     servo, _ = _servo("dynamixel", "ax12a")
     assert servo.write(servo.table.most, 500) == ""
     assert servo.write(servo.table.goal, 600) == "angle limit"

@@ -341,12 +341,12 @@ def test_a_servo_in_another_mode_is_set_to_position_mode_while_it_is_limp(
     assert table.mode is not None
     with memory_bus(bus_map) as bus:
         servo = register_servo_of(bus.board, ODD)
-        _store(bus, table.mode, mode)
+        _store(bus, table.mode.register, mode)
         with servos_on(bus, bus_map) as servos:
-            assert _said(f"from {mode} to {table.settings[0].value}: leg 3 femur")(servos.read())
+            assert _said(f"from {mode} to {table.mode.value}: leg 3 femur")(servos.read())
             until(servos, lambda _: servo.holds)
         servo.restart()
-        assert servo.number(table.mode) == kept
+        assert servo.number(table.mode.register) == kept
 
 
 def test_positions_beyond_one_turn_are_switched_off_and_the_lock_is_shut() -> None:

@@ -66,6 +66,13 @@ def test_with_more_servos_no_id_is_changed(driver: str, model: str) -> None:
         assert [servo.servo_id for servo in bus.board._servos] == list(range(1, 19))
 
 
+def test_an_id_or_a_driver_that_cannot_be_is_refused() -> None:
+    with pytest.raises(InputError, match=r"new_id: got 254; allowed: 0\.\.252"):
+        set_servo_id("/dev/nothing", "feetech", 1_000_000, 254)
+    with pytest.raises(InputError, match="driver: got 'hitec'; allowed: dynamixel, feetech, lx16a"):
+        scan_bus("/dev/nothing", "hitec", 1_000_000)
+
+
 def test_servos_are_found_at_the_baud_that_they_have() -> None:
     with memory_bus(a_map("dynamixel", "xl430-w250"), baud=57_600) as bus:
         asked: list[tuple[int, int]] = []
@@ -119,7 +126,7 @@ def test_a_lost_servo_is_named_at_connect_and_adopted(driver: str, model: str) -
     ("faults", "message"),
     [
         ((), "none; exactly one"),
-        (("mute:3:tibia",), "no servo with id 1 answers"),
+        (("mute:3:tibia",), f"{LOST} does not answer, and no servo with id 1"),
         (("lost-id:3:tibia", "mute:2:coxa"), rf"leg 2 coxa \(id 24\), {LOST}; exactly one"),
     ],
 )

@@ -2,14 +2,13 @@
 
 import errno
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from smbus2 import i2c_msg
 
-from hexctl.backends.pwm.i2c_socket import I2cMessage, fill, messages_of
+from hexctl.backends.pwm.i2c_socket import I2cMessage, I2cSocket
 from hexctl.backends.pwm.pca9685 import I2cBus
 from hexctl.simulators.pca9685_board import SimulatedI2c, SimulatedPca9685
 from hexctl.types import FloatArray
@@ -23,7 +22,7 @@ def byte_of(bus: I2cBus, address: int, register: int) -> int:
 
 
 @dataclass
-class ChipBus:
+class ChipBus(I2cSocket):
     """Two simulated chips, and a log of what was transferred.
 
     Attributes:
@@ -41,11 +40,6 @@ class ChipBus:
     spoils: Callable[[int], int] = lambda value: value
     lock: threading.Lock = field(default_factory=threading.Lock)
 
-    def i2c_rdwr(self, *messages: Any) -> None:
-        came = self._transfer(messages_of(messages))
-        if came:
-            fill(messages[-1], bytes(map(self.spoils, came)))
-
     def close(self) -> None:
         """The chips stay."""
 
@@ -60,26 +54,25 @@ class ChipBus:
             messages = [message for transaction in self.log for message in transaction]
         return [(message.address, message.data) for message in messages if len(message.data) > 1]
 
-    def _transfer(self, messages: list[I2cMessage]) -> bytes:
+    def _transfer(self, messages: Sequence[I2cMessage]) -> bytes:
         with self.lock:
-            self.log.append(messages)
+            self.log.append(list(messages))
             if self.fails(messages[0].address):
                 raise OSError(errno.EREMOTEIO, "Remote I/O error")
-            return SimulatedI2c(self.chips).transfer(messages)
+            return bytes(map(self.spoils, SimulatedI2c(self.chips).transfer(list(messages))))
 
 
-class FlatBus:
+class FlatBus(I2cSocket):
     """Two arrays of bytes that keep what is written, and know nothing of any chip."""
 
     def __init__(self) -> None:
         self.memories = {0x40: bytearray(256), 0x41: bytearray(256)}
 
-    def i2c_rdwr(self, *messages: Any) -> None:
-        address, register, *data = messages[0].addr, *list(messages[0])
-        memory = self.memories[address]
-        memory[register : register + len(data)] = bytes(data)
-        if len(messages) > 1:
-            fill(messages[1], bytes(memory[register : register + messages[1].len]))
-
     def close(self) -> None:
         """The bytes stay."""
+
+    def _transfer(self, messages: Sequence[I2cMessage]) -> bytes:
+        register, *data = messages[0].data
+        memory = self.memories[messages[0].address]
+        memory[register : register + len(data)] = bytes(data)
+        return bytes(memory[register : register + messages[-1].reads])

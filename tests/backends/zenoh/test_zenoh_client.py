@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ import zenoh
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
-from hexctl.backends.zenoh.zenoh_client import LeaseClient, ZenohServos, granted
+from hexctl.backends.zenoh.zenoh_client import LeaseClient, ZenohServos, granted, linked_robot
 from hexctl.control.guard import Guard
 from hexctl.errors import EStopError, HexctlError, InputError, RobotFaultError
 from hexctl.robot.loader import load_robot
@@ -298,3 +299,16 @@ def test_states_of_before_the_lease_are_not_waited_for() -> None:
             states.wait_for_first_s()
     latest.put("joint_states", state(6))
     assert states.wait_for_first_s() == states.heard_at_s
+
+
+def test_of_several_robots_a_viewer_sees_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    client, link = "hexctl.backends.zenoh.zenoh_client", Link(endpoint="tcp/127.0.0.1:1")
+    robots = [SimpleNamespace(name="ant"), SimpleNamespace(name="bee")]
+    monkeypatch.setattr(f"{client}.open_session", MagicMock())
+    monkeypatch.setattr(f"{client}.ask_until", lambda *_, **__: robots)
+    monkeypatch.setattr(f"{client}.robot_of", lambda answer: answer)
+    with linked_robot(link, Role.VIEWER, first=True) as (_, robot):
+        assert robot.name == "ant"
+    for name, error in ((None, "robot: got none, and there are: ant, bee"), ("ant", "2 robots called ant")):
+        with pytest.raises(HexctlError, match=error), linked_robot(link, Role.VIEWER, name):
+            pass
