@@ -98,7 +98,7 @@ def test_a_walk_over_the_link_says_what_a_walk_in_process_says(tmp_path: Path) -
     there, here = json.loads(far.stdout), json.loads(hexctl("run", *options).stdout)
     assert there.keys() == here.keys()
     assert there["status"] == here["status"] == "ok"
-    assert there["distance_m"] == pytest.approx(here["distance_m"], abs=0.02)
+    assert there["distance_m"] == pytest.approx(here["distance_m"], abs=0.05)
     # Grid points that a busy machine skipped are counted, not lost.
     assert there["ticks"] + there["overruns"] == pytest.approx(here["ticks"], abs=3)
 
