@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.optimizers.bayes import Bayes
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions import search_steps as module
 from hexctl.adapt.sessions.search_session import Session
@@ -15,12 +16,13 @@ from hexctl.adapt.sessions.session_optimizer import make_search
 from hexctl.adapt.sessions.session_viewing import make_overview
 from hexctl.adapt.sessions.store import SessionStore, load_session
 from hexctl.adapt.setting import load_setting
+from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.trial_loop import AdaptLoop
 from hexctl.control.trial_result import TrialResult
 from hexctl.recording.sessions.session_overview import make_table
 from hexctl.types import FloatArray
 from tests.adapt.priors import MadeUpModel, MadeUpWorld
-from tests.adapt.walking import SPEC, baseline_record, record, result_of
+from tests.adapt.walking import SPEC, Landscape, baseline_record, record, result_of
 
 
 def make_session(*results: TrialResult) -> Session:
@@ -136,3 +138,14 @@ def test_beliefs_are_shown_until_a_trial_and_a_session_without_an_end_goes_on(
     assert ["until trial 2" in step.note for step in steps] == [False] * 3 + [True] * (len(steps) - 3)
     assert steps[3].next_code == walked[0].trials[3].code
     assert "goes on" in steps[-1].note
+
+
+def test_a_search_without_beliefs_expects_nothing(tmp_path: Path) -> None:
+    store = SessionStore(tmp_path)
+    session = store.create(replace(SPEC, budget=3))
+    AdaptLoop(session, store, make_optimizer("random", GaitSpace((5,)), 0), Landscape()).run()
+    session.spec = replace(session.spec, optimizer="random")
+    steps = search_steps(session)
+    assert [step.beliefs for step in steps] == [None] * 4
+    assert [step.next_code for step in steps] == [*(trial.code for trial in session.trials), None]
+    assert all("expected" not in step.note for step in steps)

@@ -97,14 +97,14 @@ def sessions(folder: Path | str = RUNS) -> Any:
     `status`, `deviation_signed_m`, ...), and of each session `created`, `robot`, `world`, `failure`,
     `objective`, `duration_s` and `backend`.
 
-    Returns a `pandas.DataFrame` if pandas is installed (extra `data`), with `created` as times, else a list
-    of dicts; without trials both are empty, the first with its usual columns.
+    Returns a `pandas.DataFrame` with `created` as times; without trials it is empty, with its usual columns.
+    Raises MissingExtraError without pandas (extra `data`).
     """
-    rows = [row for session in list_sessions(folder) for row in _rows(session)]
     try:
         import pandas
-    except ModuleNotFoundError:
-        return rows
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("a table of sessions", "data") from error
+    rows = [row for session in list_sessions(folder) for row in _rows(session)]
     table = pandas.DataFrame(rows, columns=None if rows else list(USUAL_COLUMNS))
     if rows:
         table["created"] = pandas.to_datetime(table["created"], utc=True)

@@ -155,8 +155,8 @@ def _ending(result: "DemoResult", session: "Session") -> "list[RenderableType]":
         *finding_parts(session),
         f"both walks as a GIF: {picture}",
         "next:",
-        f"  {_view_command()} {shlex.quote(str(result.recordings[-1]))}",
         *([f"  source {_activate()}"] if _activate() else []),
+        f"  {_view_command()} {shlex.quote(str(result.recordings[-1]))}",
         f"  hexctl sessions show {session.name}",
         f"  hexctl run --failure 2:limp@4{' --realtime --view' if has_display() else ''}",
     ]
