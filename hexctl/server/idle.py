@@ -1,4 +1,4 @@
-"""Supervises a robot without commands: it holds its pose, sits down, goes limp; and sees when it rests."""
+"""Supervision of a robot without commands: it holds its pose, sits down, goes limp. Detection of rest."""
 
 from collections import deque
 

@@ -29,7 +29,7 @@ MOST_STATES = 500
 STALE_YAW_S = 0.1
 
 
-#: A state that is late by more is of a robot that was started again, with another clock.
+#: A state later than this comes from a restarted robot, whose clock is another one.
 OTHER_CLOCK_S = 1.0
 
 
@@ -98,7 +98,7 @@ class RobotLink:
         if not self._plain:
             tag = StateTag.unpacked(b"" if sample.attachment is None else bytes(sample.attachment))
             contacts = tag.contacts
-            # As if all came as fast as the fastest: by the times of arrival a robot would stand and leap.
+            # As if each message took as long as the fastest: by arrival times the robot would seem to jump.
             at_s = now_s - self._transit.delay_s(tag.stamp_ns / 1e9, now_s) - tag.age_us / 1e6
         known = self._yaw is not None and now_s - self._yaw[0] <= STALE_YAW_S
         yaw = self._yaw[1] if known and self._yaw is not None else None

@@ -44,7 +44,7 @@ class Contender:
 
     @property
     def searched(self) -> bool:
-        """Whether it is a trial."""
+        """Whether its walk is a trial, not one of the baseline."""
         return isinstance(self.walk, TrialRecord)
 
     @property
