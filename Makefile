@@ -78,9 +78,6 @@ lint: $(INSTALLED)
 PYTEST := $(BIN)/pytest -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true
 lane = $(PYTEST) -n $1 -m "$2 and not soak"
 
-# The same on the wall clock: a test that failed on a machine busy with something else may repeat itself alone.
-timed = $(call lane,$1,$2) || $(PYTEST) --last-failed --last-failed-no-failures none -m "$2 and not soak"
-
 # A command with style and types beside it, which are printed after it; both must pass.
 define linted
 	@mkdir -p build; $(MAKE) --no-print-directory lint >build/lint.txt 2>&1 & lint=$$!; \
@@ -102,12 +99,12 @@ test-all: test test-slow test-long
 # What computes fills the cores; what keeps time comes afterwards, and mostly waits.
 test-slow: $(INSTALLED)
 	$(call lane,$(WORKERS),slow and not realtime and not long)
-	$(call timed,4,realtime and not long)
+	$(call lane,4,realtime and not long)
 
 # What CI runs: `test` and `test-slow`, with one start of the processes that compute.
 ci: $(INSTALLED)
 	$(call linted,$(call lane,$(WORKERS),not realtime and not long))
-	$(call timed,4,realtime and not long)
+	$(call lane,4,realtime and not long)
 
 test-long: $(INSTALLED)
 	$(call lane,$(WORKERS),long and not realtime)
