@@ -24,6 +24,10 @@ signal.signal(signal.SIGQUIT, signal.SIG_DFL)
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# Where the scheduler shares the cores by sessions, what else the machine does then takes no more than one of them.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    os.setsid()
+
 settings.register_profile("local", deadline=None, derandomize=True, max_examples=25)
 settings.register_profile("thorough", deadline=None, derandomize=True, max_examples=100)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "local"))

@@ -115,6 +115,7 @@ def program(
             stdout=file,
             stderr=subprocess.STDOUT,
             text=True,
+            start_new_session=True,  # as tests/conftest.py says
         )
     running = Program(process, output, name)
     try:

@@ -172,7 +172,7 @@ def test_what_servos_on_a_bus_report_comes_over_the_link(tmp_path: Path) -> None
         assert readings is not None
         assert readings.hottest_joint == 4
         assert readings.temperatures_c[4] == 61
-        assert np.isfinite(readings.voltages_v).all()
+        assert np.isfinite(np.delete(readings.voltages_v, 12)).all()
         assert readings.ages_s[12] > 0.3
         assert np.delete(readings.ages_s, 12).max() < readings.ages_s[12]
 
