@@ -24,7 +24,7 @@ signal.signal(signal.SIGQUIT, signal.SIG_DFL)
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# Where the scheduler shares the cores by sessions, what else the machine does then takes no more than one of them.
+# Where the scheduler shares the cores among sessions, all else that the machine does counts as one of them.
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.setsid()
 
