@@ -5,8 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.optimizer import Observation
+from hexctl.adapt.optimizer import Observation, Optimizer
 from hexctl.adapt.optimizers.bayes import Bayes
+from hexctl.adapt.optimizers.deduplication import Deduplication
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
+from hexctl.adapt.optimizers.trim import TrimSearch
 from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES, Prior, PriorKey, ScorePrior
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, N_FEATURES, YAW, Samples
 from hexctl.adapt.runner import TrialRequest, WalkedTrial
@@ -15,11 +18,11 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.trial import LOOK_TICKS
 from hexctl.control.trial_plan import TrialPlan
-from hexctl.control.trial_result import Deviation, TrialResult
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, FloatArray
+from tests.adapt.walking import result_of
 from tests.robots import shipped
 
 GAITS = 120
@@ -72,10 +75,10 @@ def standing_samples(model: MadeUpModel, count: int = 32, seed: int = 0) -> Samp
     return replace(model.samples(count, seed), sag_rad=model.sags(count, seed))
 
 
-def made_up_bayes(samples: Samples, **options: Any) -> Bayes:
+def made_up_bayes(samples: Samples, seed: int = 0, **options: Any) -> Bayes:
     """A search that believes samples."""
     defaults = {"target_m": 0.025, "duration_s": DURATION_S, "floor_m": 1.0}
-    return Bayes(GaitSpace((samples.leg,)), 0, samples=samples, **{**defaults, **options})
+    return Bayes(GaitSpace((samples.leg,)), seed, samples=samples, **{**defaults, **options})
 
 
 def path_of(features: FloatArray) -> FloatArray:
@@ -122,19 +125,13 @@ class MadeUpWorld:
             if should_stop is not None and should_stop(whole[:tick]):
                 status, walked = "cut_short", tick
                 break
-        made = whole[:walked]
-        signed = float(made[-1, 1])
-        result = TrialResult(
-            status=status,
-            stopped=None,
+        distance_m, signed_m = whole[walked - 1].tolist()
+        result = replace(
+            result_of(signed_m, status),
             duration_s=walked * PERIOD_S,
-            turned_rad=0.0,
-            distance_m=float(made[-1, 0]),
-            ideal_distance_m=4.455,
-            deviation=Deviation(abs(signed), abs(signed) / 2, abs(signed), signed),
+            distance_m=distance_m,
             yaw_change_rad=float(self._features[code - 1, YAW]),
-            clipped_ticks=0,
-            path_m=made,
+            path_m=whole[:walked],
         )
         return WalkedTrial(result=result)
 
@@ -190,4 +187,12 @@ def made_up_score_prior(
     )
 
 
-BAYES_SPEC = SessionSpec(failed_leg=5, optimizer="bayes", budget=12, prior="made-up.npz")
+def optimizer_of(spec: SessionSpec) -> Optimizer:
+    """The optimizer that `hexctl adapt` makes for a spec; `bayes` with a made-up prior."""
+    if spec.optimizer == "trim":
+        return TrimSearch(GaitSpace((spec.broken.leg,)), spec.seed)
+    if spec.optimizer == "bayes":
+        samples = standing_samples(MadeUpModel(), 12)
+        return made_up_bayes(samples, target_m=1e-6, sag_rad=np.array(spec.sag_rad))
+    inner = make_optimizer(spec.optimizer, GaitSpace((spec.broken.leg,)), spec.seed)
+    return Deduplication(inner, spec.seed, paper_count=spec.count_repeats)

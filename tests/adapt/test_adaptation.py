@@ -14,11 +14,7 @@ from hexctl.adapt.adaptation import Adaptation, adapt
 from hexctl.adapt.measurement import Answer
 from hexctl.adapt.optimizers.baselines import RandomSearch
 from hexctl.adapt.optimizers.bayes import Bayes
-from hexctl.adapt.runner import (
-    LegFailedError,
-    NotBegunError,
-    TrialRunner,
-)
+from hexctl.adapt.runner import LegFailedError, NotBegunError, TrialRunner
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_lines import Walk
@@ -92,33 +88,6 @@ def test_what_an_unknown_failure_breaks_is_noted_and_not_told() -> None:
 
 
 @pytest.mark.usefixtures("landscape")
-def test_a_session_is_continued_with_more_budget() -> None:
-    whole = adapt(5, budget=9, optimizer="pso", record=False, folder="whole")
-    part = adapt(5, budget=4, optimizer="pso", record=False)
-    with pytest.raises(InputError, match="budget"):
-        Adaptation.resume(part.session.name, budget=4, record=False)
-    resumed = Adaptation.resume(part.session.name, budget=9, record=False).run()
-    assert (resumed.walked, resumed.trials) == (6, whole.trials), "five trials and a confirmation"
-
-
-@pytest.mark.usefixtures("landscape")
-def test_a_finished_session_is_continued_without_writing(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = adapt(5, budget=2, world="Randomized:07", optimizer="random", record=False)
-    assert whole.session.spec.world == "randomised:7"
-
-    def opened(_: Path) -> None:
-        raise AssertionError("a store that is opened is written")
-
-    begun: list[str] = []
-    monkeypatch.setattr("hexctl.adapt.adaptation.SessionStore", opened)
-    again = Adaptation.resume(whole.session.name, record=False).run(
-        on_begin=lambda session: begun.append(session.name)
-    )
-    assert (again.walked, again.ended, again.trials) == (0, "budget", whole.trials)
-    assert begun == [whole.session.name]
-
-
-@pytest.mark.usefixtures("landscape")
 def test_a_trial_whose_line_is_damaged_keeps_its_recording() -> None:
     name = adapt(5, budget=2, optimizer="pso", prior="none", record=False).session.name
     file, recording = Path("runs", name, FILE_NAME), Path("runs", name, "trial-002.rrd")
@@ -137,13 +106,6 @@ def test_a_session_that_names_foreign_code_once_it_is_held_is_not_trusted() -> N
     file.write_text(file.read_text().replace('"optimizer": "pso"', '"optimizer": "planted:Thing"'))
     with pytest.raises(InputError, match="trust"):
         adaptation.run()
-
-
-@pytest.mark.usefixtures("landscape")
-def test_a_budget_above_the_number_of_gaits_is_noted() -> None:
-    notes: list[str] = []
-    adapt(5, budget=500, optimizer="random", target_m=100.0, record=False, note=notes.append)
-    assert any("there are 120 gaits" in note for note in notes)
 
 
 @pytest.mark.usefixtures("landscape")
@@ -359,9 +321,30 @@ def test_parts_that_contradict_the_spec_are_refused(parts: dict[str, Any]) -> No
     assert Adaptation(spec, optimizer="pso", objective="final").spec is spec
 
 
-def test_classes_may_be_named_by_themselves_and_those_that_know_when_may_stop_early() -> None:
-    assert new_spec(failed_leg=5, optimizer=Bayes) == new_spec(failed_leg=5, optimizer="bayes")
-    assert new_spec(failed_leg=5, optimizer=Backwards, early_stop=True).early_stop
+@pytest.mark.parametrize(
+    ("options", "optimizer"),
+    [
+        ({}, "trim"),
+        ({"hold": "heading"}, "trim"),
+        ({"trim": "off"}, "bayes"),
+        ({"trim": "off", "prior": "none"}, "random"),
+        ({"optimizer": "pso"}, "pso"),
+        ({"optimizer": Bayes}, "bayes"),
+        ({"optimizer": Backwards, "early_stop": True}, f"{__name__}:Backwards"),
+        ({"objective": "mean"}, "random"),
+        ({"hold": "line"}, "random"),
+        ({"early_stop": True}, "bayes"),
+        ({"objective": "speed"}, "strides"),
+        ({"objective": "speed", "prior": "none"}, "random"),
+        ({"objective": "speed", "hold": "none"}, "random"),
+        ({"objective": "tilt"}, "bayes"),
+    ],
+    ids=str,
+)
+def test_straight_walks_are_trimmed_and_fast_ones_have_strides_unless_another_search_is_asked_for(
+    options: dict[str, Any], optimizer: str
+) -> None:
+    assert new_spec(failed_leg=5, **options).optimizer == optimizer
 
 
 #: Options of a search that are refused before a session exists, and the named option.
@@ -370,12 +353,10 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"target": "much"}, "target"),
     ({"target": "1%", "target_m": 0.1}, "target"),
     ({"worth_m": 0.01, "prior": "none"}, "prior"),
-    ({"worth_m": 0.01, "optimizer": "random"}, "prior"),
     ({"worth_m": 0.01, "duration_s": 7.0}, "prior"),
     ({"uncertainty_m": 0.1, "backend": "mock"}, "uncertainty_m"),
     ({"uncertainty_m": 0.1, "objective": "progress"}, "uncertainty_m"),
     ({"optimizer": Landscape}, "optimizer"),
-    ({"optimizer": "pso", "early_stop": True}, "early_stop"),
     ({"objective": "tilt", "backend": "mock", "ask": True}, "objective"),
     ({"hold": "line", "backend": "mock", "ask": True}, "hold"),
     ({"hold": "line", "objective": "speed", "prior": "ant-locked-rear-30s"}, "hold"),
@@ -384,6 +365,12 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"backend": "mock", "home_m": (0.0, 1.0)}, "arena_m"),
     ({"backend": "mock", "arena_m": 9.0, "home_m": (0.0, math.nan)}, "home_m"),
     ({"backend": "mock", "world": "flat"}, "world"),
+    ({"optimizer": "trim", "hold": "line"}, "optimizer"),
+    ({"optimizer": "trim", "objective": "speed"}, "optimizer"),
+    ({"optimizer": "trim", "early_stop": True}, "optimizer"),
+    ({"optimizer": "trim", "worth_m": 0.0}, "optimizer"),
+    ({"optimizer": "trim", "trim": "off"}, "trim"),
+    ({"optimizer": "strides", "objective": "speed", "hold": "none"}, "strides"),
 ]
 
 

@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 
 from hexctl.adapt.arena import Arena, Geofence, aimed, check_radius
 from hexctl.control.trace import Trace, TrialFrame
-from hexctl.control.trial_plan import SelfRotation, TrialPlan
+from hexctl.control.trial_plan import SelfRotation
 from hexctl.control.walks.turning import body_heading_rad, turn_needed_rad
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.rotations import wrapped_rad
 from hexctl.types import FloatArray, RobotState
+from tests.adapt.priors import plan_of
 from tests.robots import shipped
 
 RADII = st.floats(0.5, 20)
@@ -26,9 +26,6 @@ PLACES = st.floats(-50, 50)
 ANGLES = st.floats(-math.pi, math.pi)
 
 SHARES = st.floats(0, 1)
-
-#: An ideal walk of `ant`, and the least valid one.
-IDEAL_M, LEAST_M = 4.455, 2.154
 
 
 def at(arena: Arena, distance_m: float, angle_rad: float) -> FloatArray:
@@ -106,11 +103,6 @@ ARENA = Arena(home_m=(0.5, -0.2), radius_m=3.0)
 ROTATIONS = st.sampled_from(get_args(SelfRotation))
 
 
-def plan_of(self_rotation: SelfRotation, leg: int = 5, heading_rad: float = 0.3) -> TrialPlan:
-    gait = make_gait(ROBOT, "demo")
-    return TrialPlan(gait=gait, heading_rad=heading_rad, belief=Failure(leg=leg), self_rotation=self_rotation)
-
-
 def standing(x: float, y: float, yaw_rad: float) -> RobotState:
     quaternion = np.array([math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2)])
     position = np.array([x, y, 0.1])
@@ -127,7 +119,8 @@ def apart_deg(one_rad: float, other_rad: float) -> float:
 def test_the_walk_leads_through_home_and_is_the_same_seen_from_the_body(
     self_rotation: SelfRotation, leg: int, x: float, y: float, yaw_rad: float, outward: bool
 ) -> None:
-    plan, state = plan_of(self_rotation, leg), standing(x, y, yaw_rad)
+    plan = plan_of(ROBOT, failure=Failure(leg=leg), heading_rad=0.3, self_rotation=self_rotation)
+    state = standing(x, y, yaw_rad)
     turned = aimed(plan, ROBOT, state, ARENA, outward=outward)
     seen_from_body = turned.motion(turn_needed_rad(ROBOT, turned)).heading_rad
     assert apart_deg(seen_from_body, body_heading_rad(ROBOT, plan)) < 1e-6
@@ -139,14 +132,15 @@ def test_the_walk_leads_through_home_and_is_the_same_seen_from_the_body(
 
 @given(ROTATIONS, ANGLES)
 def test_at_home_nothing_turns(self_rotation: SelfRotation, yaw_rad: float) -> None:
+    usual = plan_of(ROBOT, heading_rad=0.3, self_rotation=self_rotation)
     for outward in (False, True):
-        plan = aimed(plan_of(self_rotation), ROBOT, standing(0.5, -0.2, yaw_rad), ARENA, outward=outward)
+        plan = aimed(usual, ROBOT, standing(0.5, -0.2, yaw_rad), ARENA, outward=outward)
         assert turn_needed_rad(ROBOT, plan) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_robot_that_lost_its_pose_cannot_aim() -> None:
     with pytest.raises(RobotFaultError, match="no longer knows"):
-        aimed(plan_of("rear"), ROBOT, RobotState(ROBOT.stance_angles_rad, 0.0, True), ARENA)
+        aimed(plan_of(ROBOT), ROBOT, RobotState(ROBOT.stance_angles_rad, 0.0, True), ARENA)
 
 
 def walked(start_m: float, to_m: float, *, ticks: int = 100) -> Trace:
@@ -174,17 +168,18 @@ def test_a_fence_around_the_start_says_why_a_walk_ends(start_m: float, to_m: flo
 
 
 def test_a_fence_around_a_place_lets_a_robot_return_to_it() -> None:
-    assert Geofence(Arena(home_m=(0.0, 0.0), radius_m=1.0))(walked(3.0, 2.5)) is False
-    assert Geofence(Arena(home_m=(0.0, 0.0), radius_m=1.0))(walked(3.0, 3.5)) == "arena"
-    other = Geofence(Arena(home_m=(0.0, 0.0), radius_m=9.0), lambda _: True)
-    assert other(walked(3.0, 3.5)) is True
+    place = Arena(home_m=(0.0, 0.0), radius_m=1.0)
+    assert Geofence(place)(walked(3.0, 2.5)) is False
+    assert Geofence(place)(walked(3.0, 3.5)) == "arena"
+    assert Geofence(place, lambda _: True)(walked(0.1, 0.2)) is True
 
 
 def test_a_tight_arena_is_spoken_of_and_a_wide_one_is_not() -> None:
-    notes = [check_radius(radius_m, ideal_m=IDEAL_M, least_m=LEAST_M) for radius_m in (1.2, 2.2, 2.23, 4.4)]
+    ant = {"ideal_m": 4.455, "least_m": 2.154}
+    notes = [check_radius(radius_m, **ant) for radius_m in (1.2, 2.2, 2.23, 4.4)]
     assert len(set(notes)) == 3
     assert notes[2] == notes[3]
     assert None not in notes
-    assert check_radius(4.5, ideal_m=IDEAL_M, least_m=LEAST_M) is None
+    assert check_radius(4.5, **ant) is None
     with pytest.raises(InputError, match="arena"):
-        check_radius(1.0, ideal_m=IDEAL_M, least_m=LEAST_M)
+        check_radius(1.0, **ant)

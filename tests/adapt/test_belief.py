@@ -1,7 +1,7 @@
 """The belief against dense conditioning, and which gait is walked next, against SciPy and integrals."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -15,11 +15,137 @@ from hexctl.adapt.prior.acquisition import (
     expected_size_m,
     most_useful,
 )
-from hexctl.adapt.prior.belief import NOISE_WEIGHT, TRUST_TRIALS, Belief, Forecast, narrowed
+from hexctl.adapt.prior.belief import (
+    ALIKE_CYCLES,
+    ALIKE_SHARE,
+    BLUR,
+    COMMON_SHARE,
+    NEGLIGIBLE,
+    NOISE,
+    NOISE_WEIGHT,
+    RESOLUTION_RAD,
+    TRUST_TRIALS,
+    UNEXPLAINED,
+    Belief,
+    Forecast,
+    narrowed,
+)
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, N_FEATURES, Samples
+from hexctl.adapt.space import GaitSpace
 from hexctl.types import FloatArray, leg_slice
-from tests.adapt.dense import Dense, Trial
 from tests.adapt.priors import GAITS, MadeUpModel, standing_samples
+
+Trial = tuple[int, FloatArray]
+
+
+@dataclass
+class Dense:
+    """The joint normal of all gaits times features as one big matrix: an independent oracle."""
+
+    samples: Samples
+    noise_m: float
+    widened: float = 1.0
+    seen: list[Trial] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        x = self.samples.features
+        worlds = len(x)
+        self.mean = x.mean(axis=0).ravel()
+        apart = x - x.mean(axis=0)
+        flat = apart.reshape(worlds, -1)
+        pooled = apart.reshape(-1, N_FEATURES)
+        self.shape = UNEXPLAINED * pooled.T @ pooled / len(pooled)
+        distance = GaitSpace((self.samples.leg,)).phase_distance
+        alike = COMMON_SHARE + ALIKE_SHARE * np.exp(-distance / ALIKE_CYCLES)
+        alike[np.diag_indices(GAITS)] = 1.0
+        spread = apart[..., FINAL].std(axis=0)
+        spread = np.maximum(spread, max(np.median(spread) / 2, 1e-3))
+        spread /= math.sqrt((spread**2).mean())
+        alike *= np.outer(spread, spread)
+        self.prior = flat.T @ flat / (worlds - 1) + np.kron(alike, self.shape)
+
+    def stand(self, sag_rad: FloatArray) -> None:
+        """Condition the worlds' part on a sag, (18,): joints by their spread, along what worlds share."""
+        assert self.samples.sag_rad is not None
+        failed = slice(3 * (self.samples.leg - 1), 3 * self.samples.leg)
+        sags, sag_rad = (np.delete(array, failed, axis=-1) for array in (self.samples.sag_rad, sag_rad))
+        spread = np.sqrt(sags.var(axis=0) + RESOLUTION_RAD**2)
+        apart = (sags - sags.mean(axis=0)) / spread
+        flat = (self.samples.features - self.samples.features.mean(axis=0)).reshape(len(sags), -1)
+        variances, directions = np.linalg.eigh(apart.T @ apart / (len(sags) - 1))
+        told = directions[:, variances > NEGLIGIBLE]
+        across = flat.T @ apart @ told / (len(sags) - 1)
+        among = told.T @ apart.T @ apart @ told / (len(sags) - 1) + NOISE * np.eye(told.shape[1])
+        seen = told.T @ ((sag_rad - sags.mean(axis=0)) / spread)
+        self.mean = self.mean + across @ np.linalg.solve(among, seen)
+        self.prior = self.prior - across @ np.linalg.solve(among, across.T)
+
+    def numbers(self) -> tuple[list[int], list[int], list[float]]:
+        """Place, trial and value of every number seen."""
+        places, trials, values = [], [], []
+        for index, (code, features) in enumerate(self.seen):
+            for feature in range(N_FEATURES):
+                if not math.isnan(features[feature]):
+                    places.append((code - 1) * N_FEATURES + feature)
+                    trials.append(index)
+                    values.append(float(features[feature]))
+        return places, trials, values
+
+    def posterior(self, feature: int) -> tuple[FloatArray, FloatArray]:
+        """Mean and covariance of one feature of all gaits."""
+        wanted = np.arange(GAITS) * N_FEATURES + feature
+        prior = self.widened * self.prior
+        places, trials, values = self.numbers()
+        if not places:
+            return self.mean[wanted], prior[np.ix_(wanted, wanted)]
+        noisy = self._covariance(places, trials)
+        across = prior[np.ix_(wanted, np.array(places))]
+        mean = self.mean[wanted] + across @ np.linalg.solve(noisy, np.array(values) - self.mean[places])
+        return mean, prior[np.ix_(wanted, wanted)] - across @ np.linalg.solve(noisy, across.T)
+
+    def surprise(self) -> list[float]:
+        """Error of each end in standard deviations, given all trials before it."""
+        everything, found = self.seen, []
+        for index, (code, features) in enumerate(everything):
+            if math.isnan(features[FINAL]):
+                continue
+            end = np.full(N_FEATURES, np.nan)
+            end[FINAL] = features[FINAL]
+            self.seen = [*everything[:index], (code, end)]
+            places, trials, values = self.numbers()
+            covariance = self._covariance(places, trials)
+            off = np.array(values) - self.mean[places]
+            before, last = covariance[:-1, :-1], covariance[-1, :-1]
+            mean = last @ np.linalg.solve(before, off[:-1]) if index else 0.0
+            variance = covariance[-1, -1] - (last @ np.linalg.solve(before, last) if index else 0.0)
+            found.append((off[-1] - mean) / math.sqrt(variance))
+        self.seen = everything
+        return [float(one) for one in found]
+
+    def end_of_trial(self, code: int, features: FloatArray) -> tuple[float, float]:
+        """Mean and standard deviation of the end of one walk that has shown some features so far."""
+        everything = self.seen
+        self.seen = [*everything, (code, features)]
+        places, trials, values = self.numbers()
+        self.seen = everything
+        covariance = self._covariance([*places, (code - 1) * N_FEATURES + FINAL], [*trials, len(everything)])
+        before, last = covariance[:-1, :-1], covariance[-1, :-1]
+        weights = np.linalg.solve(before, last) if places else np.zeros(0)
+        mean = self.mean[(code - 1) * N_FEATURES + FINAL] + weights @ (
+            np.array(values) - self.mean[np.array(places, dtype=int)]
+        )
+        return float(mean), math.sqrt(covariance[-1, -1] - weights @ last)
+
+    def _covariance(self, places: list[int], trials: list[int]) -> FloatArray:
+        at = np.array(places, dtype=int)
+        covariance: FloatArray = self.widened * self.prior[np.ix_(at, at)]
+        features = at % N_FEATURES
+        together = np.equal.outer(trials, trials)
+        noise = self.shape[np.ix_(features, features)] * self.noise_m**2 / self.shape[FINAL, FINAL]
+        covariance += np.where(together, noise, 0.0)
+        blur = np.where(features == FINAL, 0.0, BLUR * np.diagonal(self.shape)[features])
+        return np.asarray(covariance + np.diag(blur + 1e-9 * np.diagonal(covariance) + 1e-12))
+
 
 MODEL = MadeUpModel()
 
@@ -28,19 +154,11 @@ SAMPLES = MODEL.samples(12)
 NOISE_M = 0.01
 
 
-def believed(trials: list[Trial], samples: Samples = SAMPLES, noise_m: float = NOISE_M) -> Belief:
-    belief = Belief(samples, noise_m=noise_m)
+def believed(trials: list[Trial], samples: Samples = SAMPLES) -> Belief:
+    belief = Belief(samples, noise_m=NOISE_M)
     for code, features in trials:
         belief.observe(code, features)
     return belief
-
-
-def world(seed: int) -> FloatArray:
-    return np.asarray(MODEL.worlds(1, 1000 + seed)[0])
-
-
-def trials_in(seed: int, codes: list[int]) -> list[Trial]:
-    return [(code, world(seed)[code - 1].copy()) for code in codes]
 
 
 def ordinary(codes: list[int]) -> list[Trial]:
@@ -82,7 +200,8 @@ def test_it_agrees_with_dense_conditioning(codes: list[int]) -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_it_agrees_with_dense_conditioning_when_worlds_surprise(seed: int) -> None:
     """By how much it is widened comes from each end against what was believed just before it."""
-    trials = partly_blind(trials_in(seed, [5, 88, 31, 62]))
+    (world,) = MODEL.worlds(1, 1000 + seed)
+    trials = partly_blind([(code, world[code - 1]) for code in (5, 88, 31, 62)])
     for _, features in trials:
         features += 0.8 * (1 + seed)
     forecast = believed(trials).forecast()
@@ -141,29 +260,24 @@ def test_a_gait_that_always_fell_is_not_believed_to_be_certain() -> None:
     """Its numbers are all the same, because none was observed: that is ignorance."""
     features = SAMPLES.features.copy()
     features[:, 30] = features[:, 30].mean(axis=0)
-    forecast = believed([], Samples(leg=5, features=features, finished=SAMPLES.finished)).forecast()
+    samples = replace(SAMPLES, features=features)
+    forecast = believed([], samples).forecast()
     assert forecast.sd_m[30] > 0.1 * np.median(forecast.sd_m)
-    assert_agrees(forecast, Dense(Samples(leg=5, features=features, finished=SAMPLES.finished), NOISE_M))
+    assert_agrees(forecast, Dense(samples, NOISE_M))
 
 
-STANDING = standing_samples(MadeUpModel(), 12)
+STANDING = standing_samples(MODEL, 12)
 
+SAGS: FloatArray = MODEL.sags(12, 0)
 
-def sags(samples: Samples = STANDING) -> FloatArray:
-    assert samples.sag_rad is not None
-    return samples.sag_rad
-
-
-def ordinary_sag_rad() -> FloatArray:
-    """A sag that is no stranger than the worlds expect."""
-    mean: FloatArray = sags().mean(axis=0)
-    return np.asarray(mean + 0.7 * (sags()[3] - mean))
+#: A sag that is no stranger than the worlds expect.
+ORDINARY_SAG: FloatArray = SAGS.mean(axis=0) + 0.7 * (SAGS[3] - SAGS.mean(axis=0))
 
 
 @pytest.mark.parametrize("trials", [0, 1, 4])
 def test_a_stance_agrees_with_dense_conditioning(trials: int) -> None:
-    belief, dense = Belief(STANDING, noise_m=NOISE_M, sag_rad=ordinary_sag_rad()), Dense(STANDING, NOISE_M)
-    dense.stand(ordinary_sag_rad())
+    belief, dense = Belief(STANDING, noise_m=NOISE_M, sag_rad=ORDINARY_SAG), Dense(STANDING, NOISE_M)
+    dense.stand(ORDINARY_SAG)
     for code in range(1, trials + 1):
         # Nearly as believed, so that nothing is widened.
         features = dense.mean.reshape(GAITS, -1)[code - 1] + 1e-3
@@ -176,20 +290,20 @@ def test_a_stance_agrees_with_dense_conditioning(trials: int) -> None:
 
 @pytest.mark.parametrize("joints", [[], [4], list(range(12, 15)), list(range(17))], ids=str)
 def test_joints_that_do_not_say_are_left_out(joints: list[int]) -> None:
-    silent, kept = ordinary_sag_rad(), [joint for joint in range(18) if joint not in joints]
+    silent, kept = ORDINARY_SAG.copy(), [joint for joint in range(18) if joint not in joints]
     silent[joints] = np.nan
-    with_gaps, without = narrowed(sags(), silent), narrowed(sags()[:, kept], ordinary_sag_rad()[kept])
+    with_gaps, without = narrowed(SAGS, silent), narrowed(SAGS[:, kept], ORDINARY_SAG[kept])
     for got, wanted in zip(with_gaps, without, strict=True):
         np.testing.assert_allclose(got, wanted, atol=1e-12)
 
 
 def test_a_world_in_which_the_robot_fell_is_told_nothing_of() -> None:
-    fallen = sags().copy()
+    fallen = SAGS.copy()
     fallen[5] = np.nan
-    shift, shrink = narrowed(fallen, ordinary_sag_rad())
+    shift, shrink = narrowed(fallen, ORDINARY_SAG)
     assert shift[5] == pytest.approx(0.0)
     np.testing.assert_allclose(shrink[5], np.eye(len(shift))[5], atol=1e-12)
-    others, _ = narrowed(np.delete(fallen, 5, axis=0), ordinary_sag_rad())
+    others, _ = narrowed(np.delete(fallen, 5, axis=0), ORDINARY_SAG)
     np.testing.assert_allclose(np.delete(shift, 5), others, atol=1e-12)
 
 
@@ -198,8 +312,8 @@ def test_a_world_in_which_the_robot_fell_is_told_nothing_of() -> None:
     [
         (np.full((4, 18), np.nan), np.zeros(18)),
         (np.full((4, 18), 0.1), np.zeros(18)),
-        (sags(), np.full(18, np.nan)),
-        (sags()[:1], np.zeros(18)),
+        (SAGS, np.full(18, np.nan)),
+        (SAGS[:1], np.zeros(18)),
     ],
     ids=["all fell", "all alike", "no joint measured", "one world"],
 )
@@ -212,26 +326,16 @@ def test_where_nothing_can_be_told_nothing_changes(known: FloatArray, seen: Floa
 def test_the_failed_legs_own_deflection_tells_only_where_it_is_not_known_what_broke() -> None:
     samples = replace(STANDING, failed_leg_tells=True)
     joints = leg_slice(samples.leg)
-    hanging_rad = ordinary_sag_rad()
-    hanging_rad[joints] = sags()[:, joints].mean(axis=0) + 2 * sags()[:, joints].std(axis=0)
+    hanging_rad = ORDINARY_SAG.copy()
+    hanging_rad[joints] = SAGS[:, joints].mean(axis=0) + 2 * SAGS[:, joints].std(axis=0)
 
     def means_m(samples: Samples, sag_rad: FloatArray) -> FloatArray:
         return Belief(samples, noise_m=NOISE_M, sag_rad=sag_rad).forecast().mean_m
 
-    np.testing.assert_array_equal(means_m(STANDING, hanging_rad), means_m(STANDING, ordinary_sag_rad()))
-    moved_m = means_m(samples, hanging_rad) - means_m(samples, ordinary_sag_rad())
+    np.testing.assert_array_equal(means_m(STANDING, hanging_rad), means_m(STANDING, ORDINARY_SAG))
+    moved_m = means_m(samples, hanging_rad) - means_m(samples, ORDINARY_SAG)
     assert np.abs(moved_m).max() > 0.01
 
-
-CASES = [
-    (0.0, 0.1, 0.05),
-    (0.3, 0.1, 0.05),
-    (-0.3, 0.2, 0.4),
-    (1.0, 0.01, 0.5),
-    (0.02, 0.001, 0.025),
-    (-0.5, 1.0, 0.1),
-    (0.0, 0.0005, 0.5),
-]
 
 metres = st.floats(-2, 2)
 
@@ -251,7 +355,10 @@ def test_chances_are_scipys(mean: float, sd: float, bound: float) -> None:
     assert chance_above(one(mean), one(sd), bound)[0] == pytest.approx(norm.sf(bound, mean, sd), abs=1e-12)
 
 
-@pytest.mark.parametrize(("mean", "sd", "best"), CASES)
+@pytest.mark.parametrize(
+    ("mean", "sd", "best"),
+    [(0.3, 0.1, 0.05), (-0.3, 0.2, 0.4), (1.0, 0.01, 0.5), (-0.5, 1.0, 0.1), (0.0, 0.0005, 0.5)],
+)
 def test_the_expected_gain_is_its_integral(mean: float, sd: float, best: float) -> None:
     from scipy.integrate import quad
     from scipy.stats import norm
@@ -290,17 +397,11 @@ def test_the_expected_size_is_the_mean_of_the_folded_normal(mean: float, sd: flo
     assert expected_size_m(one(mean), one(sd))[0] >= abs(mean) - 1e-12
 
 
-NONE_TRIED = np.zeros(120, dtype=bool)
-
-ALL_WALK = np.ones(120)
-
-
 @given(seed=st.integers(0, 10_000), tried=st.integers(0, 119), best_m=st.sampled_from([math.inf, 0.3, 1e-3]))
 def test_a_gait_that_was_tried_is_never_picked(seed: int, tried: int, best_m: float) -> None:
     random = np.random.default_rng(seed)
     rows = random.permutation(120)[:tried]
-    known = NONE_TRIED.copy()
-    known[rows] = True
+    known = np.isin(np.arange(120), rows)
     mean, sd = random.uniform(-1.5, 1.5, 120), random.uniform(0.001, 0.5, 120)
     mean[rows], sd[rows] = 0.0, 1e-5
     row = most_useful(forecast(mean, sd, common=0.3), random.uniform(0, 1, 120), known, best_m)
@@ -327,7 +428,7 @@ def test_the_gain_over_two_trials_is_what_chance_brings(seed: int) -> None:
             for other in others
         ]
         gains.append(float((0.5 - best + np.max(second, axis=0)).mean()))
-    picked = most_useful(some, ALL_WALK, NONE_TRIED, math.inf)
+    picked = most_useful(some, np.ones(120), np.zeros(120, dtype=bool), math.inf)
     # Seven outcomes stand for all: what is picked is the best one, or as good as it.
     assert picked in few
     assert gains[few.index(picked)] >= max(gains) - 0.01

@@ -12,14 +12,17 @@ from hexctl.adapt.adaptation import adapt
 from hexctl.adapt.best import best_gait
 from hexctl.adapt.prior.prior import load_prior, save_prior
 from hexctl.adapt.prior.samples import ranked_codes
-from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_tables import flat_rows
+from hexctl.adapt.setting import load_setting
 from hexctl.adapt.space import GaitSpace
+from hexctl.cli.render.session_tables import header_line, walk_line
 from hexctl.control.assessment.static_stability import STAND_UP
+from hexctl.control.trial_plan import GaitChange
 from hexctl.errors import InputError
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.robot.failure import Failure
 from hexctl.runs.run import Run, run
-from hexctl.runs.run_spec import RunSpec
+from hexctl.runs.run_spec import RunSpec, plan_of
 from tests.adapt.priors import key_of, made_up_prior, made_up_score_prior
 from tests.adapt.walking import closing_lines, stored_session
 from tests.robots import shipped
@@ -28,12 +31,7 @@ LIMP = Failure(leg=2, kind="limp")
 
 
 def spec(**options: Any) -> RunSpec:
-    return RunSpec(**{"gait": "best", "failure": Failure(leg=2, kind="limp"), **options})
-
-
-def short_session(folder: Path, **options: Any) -> Session:
-    """A session of walks of 4 s without leg 2, with neither baseline nor recordings."""
-    return adapt(2, duration_s=4.0, baseline=False, record=False, folder=folder, **options).session
+    return RunSpec(**{"gait": "best", "failure": LIMP, **options})
 
 
 @pytest.fixture
@@ -64,11 +62,6 @@ def test_without_a_hold_it_is_the_straightest(built: Path) -> None:
     best = ranked_codes(load_prior(built / "priors" / "none.npz"), shipped(), 2)[0]
     assert found.source == f"gait {best}, the best by the prior none.npz"
     assert Run(found.spec).plan.self_rotation == "rear"
-
-
-def test_the_spec_of_a_run_takes_the_gait_that_best_stands_for() -> None:
-    with pytest.raises(InputError, match="gait"):
-        run(spec())
 
 
 def test_by_a_session_it_is_that_of_its_best_trial(tmp_path: Path) -> None:
@@ -117,7 +110,9 @@ def test_by_a_session_it_is_that_of_the_baseline_where_no_trial_is_better(
 @pytest.mark.slow
 @pytest.mark.parametrize("hold", ["none", "heading"])
 def test_by_a_session_that_trims_it_walks_with_the_trim(hold: str, tmp_path: Path) -> None:
-    session = short_session(tmp_path, budget=2, hold=hold, target_m=1e-9)
+    session = adapt(
+        2, budget=2, duration_s=4.0, hold=hold, target_m=1e-9, baseline=False, record=False, folder=tmp_path
+    ).session
     best = session.best_walk
     assert best is not None
     trim_rad, turn_rad_s = best.trim.course_rad, best.trim.turn_rad_s if hold == "none" else None
@@ -173,3 +168,24 @@ def test_without_anything_known_the_best_gait_is_refused(
 ) -> None:
     with pytest.raises(InputError, match=words):
         best_gait(spec(**options), built)
+
+
+@pytest.mark.slow
+def test_a_session_keeps_the_stride_of_each_trial_and_the_best_walks_again(tmp_path: Path) -> None:
+    session = adapt(2, objective="speed", budget=2, duration_s=3.0, record=False, folder=tmp_path).session
+    first, second = session.trials
+    assert first.stride is not None
+    assert flat_rows(session)[0]["pace_hz"] == first.stride.pace_hz
+    assert "repeat" not in str(walk_line(session, second))
+    assert "score s/m" in header_line(session)
+    assert f" {100 * first.stride.amplitude:.1f} %" in str(walk_line(session, first))
+    best = session.best_walk
+    assert best is not None
+    assert best.stride is not None
+    walked = load_setting(session.spec).plan_for(best.slots, stride=best.stride).gait
+    asked = spec(gait=f"best:{session.name}", failure=Failure(leg=2))
+    assert plan_of(best_gait(asked, tmp_path).spec, shipped()).gait == walked
+    later = best_gait(replace(asked, gait="wave", then=(f"{asked.gait}@2",)), tmp_path).spec
+    assert plan_of(later, shipped()).changes == (GaitChange(gait=walked, at_s=2.0),)
+    slow = best_gait(replace(asked, pace_hz=0.5), tmp_path).spec
+    assert plan_of(slow, shipped()).gait.pace_hz == 0.5

@@ -1,24 +1,42 @@
 """`kill -9` at random moments: the session continues to the same end every time."""
 
+import math
 import multiprocessing
 import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from hexctl.adapt.optimizer import Trim
+from hexctl.adapt.runner import TrialRequest, WalkedTrial
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_lines import Walk
 from hexctl.adapt.sessions.store import SessionStore, load_session, stored_names
+from hexctl.adapt.sessions.walk_records import TrialRecord
 from hexctl.adapt.trial_loop import AdaptLoop
-from tests.adapt import killing
-from tests.adapt.killing import SPECS_TO_KILL, landscape_of, optimizer_of
+from tests.adapt.priors import MadeUpModel, optimizer_of
+from tests.adapt.walking import SPEC, Landscape, arc_of
 
 pytestmark = pytest.mark.slow
 
+SPECS_TO_KILL = {
+    "dps": replace(SPEC, optimizer="dps", budget=100),
+    "trim": replace(SPEC, optimizer="trim", budget=60, target_m=1e-9),
+    "bayes": replace(SPEC, optimizer="bayes", budget=60, sag_rad=MadeUpModel().sags(1, 700)[0].tolist()),
+}
 
-#: Sessions of each optimizer, and how often each session is killed.
+#: Sessions of each optimizer.
 SESSIONS = {"dps": 3, "bayes": 1, "trim": 1}
 
+#: How often each session is killed.
 KILLS = 4
+
+#: Long enough that a kill falls anywhere in a trial, its writing and its telling.
+TRIAL_S = 0.002
 
 #: Between two kills at most, so that all of a session's fit into its budget.
 MOST_TRIALS = 12
@@ -30,10 +48,44 @@ WITHIN_S = 0.02
 SERVER = multiprocessing.get_context("forkserver")
 
 
+class Walks:
+    """Walks of a session: gaits of a landscape, or curves with noise of their own less their trim."""
+
+    def __init__(self, session: Session, delay_s: float = 0.0) -> None:
+        self._trims, self._delay_s = session.spec.optimizer == "trim", delay_s
+        self._landscape = Landscape()
+
+    def __call__(self, request: TrialRequest) -> WalkedTrial:
+        time.sleep(self._delay_s)
+        if not self._trims:
+            return self._landscape(request)
+        drift = Trim(0.03 + 0.01 * math.sin(1.7 * request.index), 0.02)
+        return WalkedTrial(result=arc_of(drift, request.trim or Trim(), gain=0.8))
+
+
+def main(say: Callable[[str], None], folder: str, optimizer: str, name: str | None = None) -> None:
+    """Run a session, or continue one, and say when it begins to walk and after each trial."""
+    store = SessionStore(Path(folder))
+    with ExitStack() as stack:
+        if name is None:
+            session = store.create(SPECS_TO_KILL[optimizer], stack)
+        else:
+            stack.enter_context(store.held(name))
+            session = load_session(name, store.folder)
+        say("walking")
+
+        def stored(_: Session, walk: Walk) -> None:
+            if isinstance(walk, TrialRecord):
+                say("trial")
+
+        walks = Walks(session, TRIAL_S)
+        AdaptLoop(session, store, optimizer_of(session.spec), walks, on_stored=stored).run()
+
+
 def _killed_after(trials: int, delay_s: float, *arguments: str) -> None:
     """Run the session in a process of its own and kill it some time after it told of some trials."""
     here, there = SERVER.Pipe(duplex=False)
-    process = SERVER.Process(target=killing.main, args=(there.send, *arguments))
+    process = SERVER.Process(target=main, args=(there.send, *arguments))
     process.start()
     there.close()
     try:
@@ -52,7 +104,7 @@ def test_kill_9_at_random_moments_never_changes_the_result(optimizer: str, tmp_p
     spec = SPECS_TO_KILL[optimizer]
     store = SessionStore(tmp_path / "whole")
     whole = store.create(spec)
-    AdaptLoop(whole, store, optimizer_of(spec), landscape_of(whole)).run()
+    AdaptLoop(whole, store, optimizer_of(spec), Walks(whole)).run()
     random = np.random.default_rng(11)
     cut_inside = 0
     for number in range(SESSIONS[optimizer]):
@@ -67,6 +119,6 @@ def test_kill_9_at_random_moments_never_changes_the_result(optimizer: str, tmp_p
         store = SessionStore(folder)
         with store.held(name[0]):
             session = load_session(name[0], store.folder)
-            AdaptLoop(session, store, optimizer_of(spec), landscape_of(session)).run()
+            AdaptLoop(session, store, optimizer_of(spec), Walks(session)).run()
             assert load_session(name[0], store.folder).trials == whole.trials
     assert cut_inside >= SESSIONS[optimizer] * KILLS / 2, "most kills came while it walked"

@@ -2,7 +2,6 @@
 
 import json
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.adapt import runner as runner_module
 from hexctl.adapt.arena import Arena
 from hexctl.adapt.measurement import Answer, measured
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
@@ -27,19 +25,14 @@ from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.world import World
 from hexctl.control.controllers import sitting_angles_rad
 from hexctl.control.guard import Guard
-from hexctl.control.log import TickLog
-from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import CommandRefusedError, RobotFaultError
-from hexctl.gait.gait import make_gait
-from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot_file
-from hexctl.robot.rotations import wrapped_rad
-from hexctl.types import FloatArray, JointTargets, RobotState, ServoReadings
+from hexctl.types import FloatArray, JointTargets, RobotState
 from tests.adapt.priors import plan_of
 from tests.adapt.staying import StayingSim
-from tests.adapt.walking import result_of
+from tests.adapt.walking import UNSEEN
 from tests.backends.fake_time import FakeTime
 from tests.control.posed import FallsAfter, PosedMock
 from tests.robots import shipped
@@ -68,10 +61,7 @@ def test_a_robot_that_falls_says_nothing(monkeypatch: pytest.MonkeyPatch) -> Non
     assert simulated_deflection_rad(ROBOT, World(), STANCE_PLAN, 0, STANCE_PLAN.belief) is None
 
 
-def test_a_robot_that_stays_says_what_a_simulation_says(
-    tmp_path: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_robot_that_stays_says_what_a_simulation_says() -> None:
     with Guard(StayingSim(ROBOT)) as servos:
         here = stance_deflection_rad(servos, STANCE_PLAN)
     assert here is not None
@@ -123,6 +113,7 @@ def test_a_robot_that_moves_still_is_asked_again(speed_rad_s: float, stands: int
 
 
 def test_a_command_that_is_refused_once_is_no_reason_to_go_without() -> None:
+    """Nor is silence afterwards a failure."""
     servos = PosedMock(ROBOT)
     servos.joints_rad = ROBOT.stance_angles_rad - SAG_RAD
 
@@ -138,6 +129,9 @@ def test_a_command_that_is_refused_once_is_no_reason_to_go_without() -> None:
     with Refusing(servos) as guard:
         sag_rad = stance_deflection_rad(guard, STANCE_PLAN)
         assert guard.refused
+        servos.time.sleep(60.0)
+        guard.read()
+        assert guard.stopped is None
     assert sag_rad is not None
     np.testing.assert_allclose(sag_rad, SAG_RAD)
 
@@ -149,25 +143,12 @@ def test_joints_that_say_what_they_are_told_are_not_measured() -> None:
     assert servos.sent
 
 
-def test_afterwards_silence_is_no_failure() -> None:
-    servos = PosedMock(ROBOT)
-    servos.joints_rad = ROBOT.stance_angles_rad - SAG_RAD
-    with Guard(servos) as guard:
-        assert stance_deflection_rad(guard, STANCE_PLAN) is not None
-        servos.time.sleep(60.0)
-        guard.read()
-        assert guard.stopped is None
+PLAN = replace(STANCE_PLAN, duration_s=12.0)
 
-
-SPACE = GaitSpace((5,))
-
-PLAN = TrialPlan(gait=make_gait(ROBOT, "demo"), belief=Failure(leg=5), duration_s=12.0)
+SHORT_PLAN = replace(PLAN, duration_s=0.5, self_rotation="none")
 
 #: The 12 s walk goes up to 1.78 m: this arena is about as small as it may be.
 ARENA = Arena(home_m=(0.0, 0.0), radius_m=1.0)
-
-#: How far beyond the edge a robot that is told to stop may come.
-MARGIN_M = 0.15
 
 
 @pytest.fixture(autouse=True)
@@ -177,7 +158,7 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def request_of(index: int, code: int) -> TrialRequest:
-    return TrialRequest(index=index, code=code, slots=SPACE.slots_of(code))
+    return TrialRequest(index=index, code=code, slots=GaitSpace((5,)).slots_of(code))
 
 
 def runner_of(servos: Guard, plan: TrialPlan = PLAN, **more: Any) -> ResetFreeRunner:
@@ -186,76 +167,23 @@ def runner_of(servos: Guard, plan: TrialPlan = PLAN, **more: Any) -> ResetFreeRu
     return ResetFreeRunner(runner=runner, servos=servos, **more)
 
 
-@pytest.fixture
-def robot() -> Iterator[Guard]:
-    with Guard(StayingSim(ROBOT)) as servos:
-        yield servos
-
-
-@pytest.mark.long
-def test_many_trials_of_good_and_bad_gaits_stay_in_the_arena(
-    robot: Guard, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    logs: list[TickLog] = []
-
-    def watched(servos: Guard, plan: TrialPlan, *controller: Any, **more: Any) -> TrialResult:
-        logs.append(TickLog())
-        return run_trial(servos, plan, *controller, **more | {"recorders": (logs[-1],)})
-
-    monkeypatch.setattr(runner_module, "run_trial", watched)
-    runner, results = runner_of(robot, arena=ARENA), []
-    for index in range(1, 5):
-        code = 30 * index - 10
-        result = runner.walk(request_of(index, code)).result
-        results.append(result)
-        self_check(logs[-1], result)
-    assert StayingSim.farthest_m < ARENA.radius_m + MARGIN_M
-    statuses = [result.status for result in results]
-    assert statuses.count("ok") >= 2, "most walks fit"
-    assert set(statuses) <= {"ok", "no_progress", "cut_short"}
-    for result in results:
-        assert result.stopped == ("arena" if result.status == "cut_short" else None)
-        assert result.valid == (result.status == "ok")
-        assert result.distance_m is not None
-
-
-def place_of(robot: Guard) -> FloatArray:
-    position = await_ready(robot).base_position_world
-    assert position is not None
-    return position
-
-
-def self_check(log: TickLog, result: TrialResult) -> None:
-    """Look at the robot's own positions: the line led through home, and the numbers are of that line."""
-    assert log.frame is not None
-    positions = log["base_position_world"][log.rows_of("walk")][:, :2]
-    origin, heading_rad = log.frame.origin_world[:2], log.frame.heading_rad
-    if np.hypot(*origin) > 0.3:
-        assert abs(wrapped_rad(heading_rad - math.atan2(-origin[1], -origin[0]))) < math.radians(6)
-    # The failed leg, at 240 degrees seen from the body, trails.
-    trailing_rad = log.frame.yaw_rad + math.radians(240)
-    assert abs(wrapped_rad(trailing_rad + math.pi - heading_rad)) < math.radians(4)
-    along = np.array([math.cos(heading_rad), math.sin(heading_rad)])
-    moved = positions[-1] - origin
-    assert result.distance_m == pytest.approx(float(moved @ along))
-    assert result.deviation is not None
-    assert result.deviation.signed == pytest.approx(float(along[0] * moved[1] - along[1] * moved[0]))
-
-
 @pytest.mark.slow
-def test_a_walk_that_leaves_is_cut_short_and_the_next_one_aims_back(robot: Guard) -> None:
+def test_a_walk_that_leaves_is_cut_short_and_the_next_one_aims_back() -> None:
     """The arena is much smaller than the walk."""
     arena = Arena(home_m=(0.0, 0.0), radius_m=0.6)
-    runner = runner_of(robot, arena=arena)
-    first = runner.walk(request_of(1, 17)).result
-    assert (first.status, first.stopped, first.valid) == ("cut_short", "arena", False)
-    assert 0 < first.duration_s < PLAN.duration_s
-    edge_m = arena.distance_m(place_of(robot))
-    assert 0.4 < edge_m < arena.radius_m + MARGIN_M
-    second = runner.walk(request_of(2, 17)).result
-    assert second.distance_m is not None
-    assert second.distance_m > edge_m, "it came through the middle"
-    assert StayingSim.farthest_m < arena.radius_m + MARGIN_M
+    with Guard(StayingSim(ROBOT)) as robot:
+        runner = runner_of(robot, arena=arena)
+        first = runner.walk(request_of(1, 17)).result
+        assert (first.status, first.stopped, first.valid) == ("cut_short", "arena", False)
+        assert 0 < first.duration_s < PLAN.duration_s
+        position = await_ready(robot).base_position_world
+        assert position is not None
+        edge_m = arena.distance_m(position)
+        assert edge_m > 0.4
+        second = runner.walk(request_of(2, 17)).result
+        assert second.distance_m is not None
+        assert second.distance_m > edge_m, "it came through the middle"
+    assert StayingSim.farthest_m < arena.radius_m + 0.15, "it needs some way to stop"
 
 
 def test_a_robot_without_a_position_is_refused_unless_an_operator_measures() -> None:
@@ -286,7 +214,7 @@ def test_a_fall_on_the_way_to_the_start_is_not_the_gaits_fault() -> None:
 def test_a_robot_that_sat_down_between_trials_is_stood_up_from_there() -> None:
     servos = PosedMock(ROBOT)
     with Guard(servos) as guard:
-        runner = runner_of(guard, replace(PLAN, duration_s=0.5, self_rotation="none"))
+        runner = runner_of(guard, SHORT_PLAN)
         runner.walk(request_of(1, 17))
         sat_rad = ROBOT.stance_angles_rad + 0.4
         servos.joints_rad = sat_rad
@@ -300,7 +228,7 @@ def test_after_a_trial_silence_is_no_failure() -> None:
     """A person who measures takes longer than the guard's patience."""
     servos = PosedMock(ROBOT)
     with Guard(servos) as guard:
-        runner_of(guard, replace(PLAN, duration_s=0.5, self_rotation="none")).walk(request_of(1, 17))
+        runner_of(guard, SHORT_PLAN).walk(request_of(1, 17))
         assert not guard.expects_commands
         servos.time.sleep(60.0)
         guard.read()
@@ -312,27 +240,15 @@ class HeatedMock(PosedMock):
 
     def __init__(self) -> None:
         super().__init__()
-        self.hottest_c: float | None = 58.0
+        self.temperatures_c = np.full(18, 35.0)
+        self.temperatures_c[13] = 58.0
         self.limp = False
 
     def read(self) -> RobotState:
         """The state, with the temperatures of the servos."""
-        state = super().read()
-        if self.limp and self.hottest_c is not None:
-            self.hottest_c -= 0.1 * self.clock.period_s
-        temperatures_c = np.full(18, 35.0 if self.hottest_c is not None else np.nan)
-        temperatures_c[13] = math.nan if self.hottest_c is None else self.hottest_c
-        unknown = np.full(18, np.nan)
-        return replace(
-            state,
-            servos=ServoReadings(
-                ages_s=np.zeros(18),
-                efforts=unknown,
-                currents_a=unknown,
-                voltages_v=unknown,
-                temperatures_c=temperatures_c,
-            ),
-        )
+        if self.limp and self.temperatures_c is not None:
+            self.temperatures_c[13] -= 0.1 * self.clock.period_s
+        return super().read()
 
     def disable_torque(self) -> bool:
         """Go limp."""
@@ -351,7 +267,8 @@ def test_a_hot_robot_sits_limp_until_it_has_cooled_down() -> None:
     with Guard(servos, expiry_s=1.0) as guard:
         cool_down(guard, 50.0, lambda: False, notes.append)
         assert servos.limp
-        assert servos.hottest_c == pytest.approx(50.0, abs=0.1)
+        assert servos.temperatures_c is not None
+        assert servos.temperatures_c[13] == pytest.approx(50.0, abs=0.1)
         np.testing.assert_allclose(servos.read().joint_positions_rad, sitting_angles_rad(ROBOT), atol=1e-9)
         assert guard.clock.now_s == pytest.approx(82.0, abs=2.0)
         assert notes[0] == "cooling down below 50 C: leg 5 femur 58 C"
@@ -381,17 +298,9 @@ def test_a_cool_robot_does_not_sit_and_one_that_stays_hot_is_reported(
             cool_down(guard, 30.0, lambda: False, notes.append)
 
 
-MEASURED_PLAN = TrialPlan(gait=make_gait(ROBOT, "demo"), belief=Failure(leg=5))
-
-#: As a robot that knows no pose ends its walk.
-WALKED = replace(
-    result_of(0.0), distance_m=None, deviation=None, yaw_change_rad=None, path_m=np.zeros((0, 2))
-)
-
-
 def told(word: str, distance_m: float = math.nan, signed_m: float = math.nan) -> TrialResult:
     answer = Answer(word=word, distance_m=distance_m, signed_m=signed_m)  # type: ignore[arg-type]
-    return measured(WALKED, answer, ROBOT, MEASURED_PLAN)
+    return measured(UNSEEN, answer, ROBOT, STANCE_PLAN)
 
 
 def test_two_numbers_make_a_trial() -> None:

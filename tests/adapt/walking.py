@@ -43,6 +43,12 @@ def result_of(deviation_m: float, status: str = "ok") -> TrialResult:
     )
 
 
+#: A walk of a robot that knows no pose.
+UNSEEN = replace(
+    result_of(0.0), distance_m=None, deviation=None, yaw_change_rad=None, path_m=np.zeros((0, 2))
+)
+
+
 def arc_of(drift: Trim, trim: Trim, *, gain: float = 1.0, status: str = "ok") -> TrialResult:
     """The result of a walk of 4 m along an arc, by its drift and its trim, whose turn has a gain."""
     times_s = PERIOD_S * np.arange(1, 1501)

@@ -27,7 +27,7 @@ def test_ctrl_c_ends_it(capsys: Any, monkeypatch: Any) -> None:
     assert not list(Path("runs").iterdir())
 
 
-ECHO = "tests.runs.test_diagnosis:Echo"
+ECHO = "tests.runs.test_run:Echo"
 
 
 @pytest.mark.slow

@@ -23,7 +23,7 @@ from hexctl.identify.parameters import OF_TRUNK, PARAMETERS, RobotValues
 from hexctl.identify.robot_log import RobotLog, in_counts, read_robot_log
 from hexctl.identify.stand_motions import StandMotions
 from hexctl.robot.configs import config_names, find_config
-from hexctl.robot.loader import load_robot, load_robot_file
+from hexctl.robot.loader import RobotFile, load_robot, load_robot_file
 from hexctl.robot.yaml_text import yaml_content
 from hexctl.runs.run import run
 from hexctl.runs.run_spec import RunSpec
@@ -135,8 +135,22 @@ def found(name: str = "lukas", **given: tuple[float, float]) -> Identification:
     return Identification(Fit(RobotValues.of(shipped(name)), estimates, {"log": 0.02}, {"log": 0.01}), {}, ())
 
 
+def lukas(
+    folder: Path, *changes: tuple[str, str], **given: tuple[float, float]
+) -> tuple[RobotFile, RobotFile]:
+    """The file of lukas with changes of its text, and what is written when values of it were found."""
+    text = find_config("robots", "lukas").read_text()
+    for change in changes:
+        text = text.replace(*change)
+    before, after = folder / "mine.yaml", folder / "identified.yaml"
+    before.write_text(text)
+    write_identified(before, found("lukas", **given), after)
+    return load_robot_file(before), load_robot_file(after)
+
+
 def test_a_file_gets_what_is_known_and_keeps_the_rest(tmp_path: Path) -> None:
-    result = found(
+    file, written = lukas(
+        tmp_path,
         stiffness_nm_per_rad=(20.0, 0.5),
         rotor_inertia_kg_m2=(0.01, 0.001),
         dry_friction_nm=(0.2, 0.15),
@@ -146,9 +160,7 @@ def test_a_file_gets_what_is_known_and_keeps_the_rest(tmp_path: Path) -> None:
         trunk_com_x_m=(0.01, 0.001),
         trunk_com_y_m=(0.02, 0.009),
     )
-    path = tmp_path / "mine.yaml"
-    write_identified("lukas", result, path)
-    before, robot = load_robot("lukas"), load_robot(path)
+    before, robot = file.robot, written.robot
     assert robot.servo.stiffness_nm_per_rad == 20.0
     assert robot.servo.rotor_inertia_kg_m2 == 0.01
     assert robot.servo.dead_time_s == 0.012
@@ -157,14 +169,13 @@ def test_a_file_gets_what_is_known_and_keeps_the_rest(tmp_path: Path) -> None:
     np.testing.assert_array_equal(robot.joint_max_torque_nm, before.joint_max_torque_nm)
     np.testing.assert_array_equal(robot.joint_no_load_speed_rad_s, before.joint_no_load_speed_rad_s)
     np.testing.assert_array_equal(robot.mount_positions_body, before.mount_positions_body)
-    assert load_robot_file(path).content.servos == load_robot_file("lukas").content.servos
-    assert "# front left, middle left" in path.read_text()
+    assert written.content.servos == file.content.servos
+    assert "# front left, middle left" in (tmp_path / "identified.yaml").read_text()
     assert robot.body.mass_kg == 2.945
     assert robot.body.com_m == before.body.com_m
     assert robot.body.inertia_kg_m2 is not None
     assert before.body.inertia_kg_m2 is not None
     np.testing.assert_allclose(robot.body.inertia_kg_m2, 2 * np.array(before.body.inertia_kg_m2), rtol=1e-3)
-    assert result.not_seen == []
 
 
 def test_what_was_measured_is_no_longer_unknown(tmp_path: Path) -> None:
@@ -178,28 +189,21 @@ def test_what_was_measured_is_no_longer_unknown(tmp_path: Path) -> None:
 
 
 def test_a_centre_of_which_one_part_is_known_stays_unknown(tmp_path: Path) -> None:
-    text = find_config("robots", "lukas").read_text().replace("unknown: [", "unknown: [body.com_m, ")
-    (tmp_path / "mine.yaml").write_text(text)
     centre = {"trunk_com_x_m": (0.01, 0.001), "trunk_com_y_m": (0.02, 0.009)}
-    result = found("lukas", stiffness_nm_per_rad=(20.0, 0.5), **centre)
-    write_identified(tmp_path / "mine.yaml", result, tmp_path / "identified.yaml")
-    file = load_robot_file(tmp_path / "identified.yaml")
-    assert file.robot.body.com_m == shipped("lukas").body.com_m
-    assert "body.com_m" in file.content.unknown
+    before, after = lukas(tmp_path, ("unknown: [", "unknown: [body.com_m, "), **centre)
+    assert after.robot.body.com_m == before.robot.body.com_m
+    assert "body.com_m" in after.content.unknown
 
 
 @pytest.mark.parametrize("known", [True, False])
 def test_of_a_p_gain_the_stiffness_is_unknown_until_it_is_measured(known: bool, tmp_path: Path) -> None:
-    text = find_config("robots", "lukas").read_text().replace("unknown: [", "unknown: [servo, ")
-    (tmp_path / "mine.yaml").write_text(text)
-    result = found(stiffness_nm_per_rad=(20.0, 0.5 if known else 20.0), damping_nm_s_per_rad=(0.5, 0.01))
-    write_identified(tmp_path / "mine.yaml", result, tmp_path / "identified.yaml")
-    servo = yaml_content((tmp_path / "identified.yaml").read_text())["servo"]
-    gain = yaml_content(text)["servo"]["p_gain"]
-    assert servo["p_gain"] == gain
-    assert (servo["stiffness_nm_per_rad_per_p_gain"] * gain == pytest.approx(20.0, rel=1e-3)) == known
-    unknown = load_robot_file(tmp_path / "identified.yaml").content.unknown
-    assert {key for key in unknown if key.startswith("servo.")} == {
+    given = {"stiffness_nm_per_rad": (20.0, 0.5 if known else 20.0), "damping_nm_s_per_rad": (0.5, 0.01)}
+    before, after = lukas(tmp_path, ("unknown: [", "unknown: [servo, "), **given)
+    old, new = (yaml_content(file.path.read_text())["servo"] for file in (before, after))
+    assert new["p_gain"] == old["p_gain"]
+    stiffness = new["stiffness_nm_per_rad_per_p_gain"] * new["p_gain"]
+    assert (stiffness == pytest.approx(20.0, rel=1e-3)) == known
+    assert {key for key in after.content.unknown if key.startswith("servo.")} == {
         *(() if known else ("servo.stiffness_nm_per_rad",)),
         "servo.rotor_inertia_kg_m2",
         "servo.gear_damping_nm_s_per_rad",
@@ -221,11 +225,7 @@ def test_an_identified_file_has_the_meshes_of_its_robot(tmp_path: Path) -> None:
 
 
 def test_a_stand_shows_no_trunk() -> None:
-    assert found(stiffness_nm_per_rad=(20.0, 0.02)).not_seen == [
-        "trunk_mass_kg",
-        "trunk_com_x_m",
-        "trunk_com_y_m",
-    ]
+    assert found(stiffness_nm_per_rad=(20.0, 0.02)).not_seen == list(OF_TRUNK)
 
 
 @pytest.mark.parametrize("name", ["mine.txt", "there.yaml", "none/mine.yaml", "mine.yaml"])
@@ -238,24 +238,18 @@ def test_an_output_that_cannot_be_is_refused(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["stiffness_nm_per_rad", "femur_stiffness_ratio"])
 def test_a_measured_stiffness_of_a_joint_is_no_longer_unknown(name: str, tmp_path: Path) -> None:
-    text = find_config("robots", "lukas").read_text()
     key = "joints.femur.stiffness_nm_per_rad"
-    text = text.replace("unknown: [", f"unknown: [{key}, ").replace(*OTHER_FEMUR)
-    (tmp_path / "mine.yaml").write_text(text)
     known = {"stiffness_nm_per_rad": (20.0, 20.0), name: (1.0, 0.1)}
-    write_identified(tmp_path / "mine.yaml", found("lukas", **known), tmp_path / "identified.yaml")
-    assert key not in load_robot_file(tmp_path / "identified.yaml").content.unknown
+    _, after = lukas(tmp_path, ("unknown: [", f"unknown: [{key}, "), OTHER_FEMUR, **known)
+    assert key not in after.content.unknown
 
 
 def test_joints_keep_the_proportions_of_their_stiffnesses(tmp_path: Path) -> None:
     """Also those that have the stiffness of the P gain, which is no mean."""
-    text = find_config("robots", "lukas").read_text().replace(*OTHER_FEMUR)
-    (tmp_path / "mine.yaml").write_text(text)
-    before = load_robot(tmp_path / "mine.yaml").stiffness_nm_per_rad
-    result = found(stiffness_nm_per_rad=(1.5 * before.mean(), 0.5))
-    write_identified(tmp_path / "mine.yaml", result, tmp_path / "identified.yaml")
-    after = load_robot(tmp_path / "identified.yaml").stiffness_nm_per_rad
-    np.testing.assert_allclose(after, 1.5 * before, rtol=1e-3)
+    before, after = lukas(tmp_path, OTHER_FEMUR, stiffness_nm_per_rad=(30.0, 0.5))
+    share = 30.0 / before.robot.stiffness_nm_per_rad.mean()
+    expected = share * before.robot.stiffness_nm_per_rad
+    np.testing.assert_allclose(after.robot.stiffness_nm_per_rad, expected, rtol=1e-3)
 
 
 def test_joint_kinds_get_their_stiffness_and_play(tmp_path: Path) -> None:
@@ -270,9 +264,9 @@ def test_joint_kinds_get_their_stiffness_and_play(tmp_path: Path) -> None:
 
 def test_weak_servos_lose_speed_and_keep_their_back_emf(tmp_path: Path) -> None:
     before = RobotValues.of(shipped("lukas"))
-    result = found(stiffness_nm_per_rad=(30.0, 1.0), max_torque_nm=(0.4 * before.max_torque_nm, 0.05))
-    write_identified("lukas", result, tmp_path / "identified.yaml")
-    after = RobotValues.of(load_robot(tmp_path / "identified.yaml"))
+    torque = (0.4 * before.max_torque_nm, 0.05)
+    _, written = lukas(tmp_path, stiffness_nm_per_rad=(30.0, 1.0), max_torque_nm=torque)
+    after = RobotValues.of(written.robot)
     assert after.max_torque_nm == pytest.approx(0.4 * before.max_torque_nm, rel=1e-3)
     assert after.back_emf_nm_s_per_rad == pytest.approx(before.back_emf_nm_s_per_rad, rel=1e-3)
 

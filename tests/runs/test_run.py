@@ -1,5 +1,6 @@
-"""A run as a Python program makes it: one walk on any backend, recorded, without printing anything."""
+"""`hexctl.run` and `hexctl.diagnose`: one call, on any backend, recorded, without printing anything."""
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -8,9 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+import hexctl
 from hexctl.backends.base import ServosWrapper
 from hexctl.backends.mock import MockServos
 from hexctl.backends.registry import make_servos
+from hexctl.backends.sim.servos import SimClock
 from hexctl.backends.sim.world import World
 from hexctl.control.monitor.recovery import RecoveryPolicy, Response
 from hexctl.control.trial_result import TrialResult
@@ -26,31 +29,23 @@ from hexctl.types import FloatArray, RobotState
 from tests.control.posed import PosedMock
 from tests.robots import shipped
 
-SHORT: dict[str, Any] = {"duration_s": 1.5}
-
 
 @pytest.mark.slow
-def test_names_and_objects_give_the_same_walk(capfd: pytest.CaptureFixture[str]) -> None:
-    robot = load_robot("ant")
-    by_name = run(gait="tripod", pace_hz=0.8, world="slippery", **SHORT)
-    gait = make_gait(robot, "tripod", pace_hz=0.8)
-    by_object = run(RunSpec(robot=robot, gait=gait, world=World(friction=0.3), **SHORT))
+def test_names_and_objects_give_the_same_walk_each_with_its_recording_and_nothing_is_printed(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    robot, folder = load_robot("ant"), tmp_path / "made" / "here"
+    short: dict[str, Any] = {"duration_s": 1.5, "record_folder": folder}
+    by_name = run(gait="wave", pace_hz=0.8, world="slippery", **short)
+    gait = make_gait(robot, "wave", pace_hz=0.8)
+    by_object = run(RunSpec(robot=robot, gait=gait, world=World(friction=0.3), **short))
     assert by_name.trial.status == "ok"
-    again = run(RunSpec(gait="tripod", pace_hz=0.8, world="slippery", **SHORT))
+    again = run(RunSpec(gait="wave", pace_hz=0.8, world="slippery", duration_s=1.5))
     assert again.trial.to_dict() == by_name.trial.to_dict()
     assert by_object.outcome["gait"]["slots"] == by_name.outcome["gait"]["slots"]
     assert by_object.outcome["world"] == "custom"
     assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.slow
-def test_it_is_recorded_to_a_file_or_into_a_folder(tmp_path: Path) -> None:
-    done = run(record=tmp_path / "walk.rrd", **SHORT)
-    assert done.recording == tmp_path / "walk.rrd"
-    assert done.recording_error is None
-    folder = tmp_path / "made" / "here"
-    first, second = (run(record_folder=folder, gait="wave", **SHORT).recording for _ in range(2))
-    assert {first, second} == set(folder.iterdir())
+    assert {by_name.recording, by_object.recording} == set(folder.iterdir())
     assert all(path.name.endswith(".rrd") and "_ant_wave" in path.name for path in folder.iterdir())
 
 
@@ -96,20 +91,13 @@ def test_a_run_walks_only_while_connected() -> None:
         run(RunSpec(), gait="tripod")
 
 
-@pytest.mark.slow
-def test_a_failure_may_be_said_in_words() -> None:
-    spec = RunSpec(failure=Failure(leg=5, kind="limp"), gait=57, duration_s=0.2)
-    assert run(failure="5:limp", gait=57, duration_s=0.2).trial == run(spec).trial
-    assert run(failed_leg=2, duration_s=0.2).outcome["failure"] == "locked"
-    for options in ({"failed_leg": "2"}, {"failure": "2"}, {"failure": ["2:locked"]}):
-        assert RunSpec(**options) == RunSpec(failed_leg=2)
-
-
 def test_an_option_sums_up_what_failed_before_and_what_fails_later() -> None:
     spec = RunSpec(failed_leg=2, failure=["5:limp", "3:stuck:coxa@8"], heal=["3@9"])
     assert [str(one) for one in spec.failures] == ["locked", "limp"]
     assert [str(event) for event in spec.events] == ["3:stuck:coxa@8", "3@9"]
     assert replace(spec, seed=1).failures == spec.failures
+    for options in ({"failed_leg": "2"}, {"failure": "2"}, {"failure": ["2:locked"]}):
+        assert RunSpec(**options) == RunSpec(failed_leg=2)
 
 
 @pytest.mark.parametrize(
@@ -128,64 +116,44 @@ def test_a_failed_leg_is_turned_away_where_that_helps(options: dict[str, Any], r
     assert Run(spec).plan.self_rotation == rotation
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("robot_tells", "rotation"), [("position", "none"), ("yaw", "rear")])
-def test_a_robot_that_does_not_tell_its_position_turns_its_failed_leg_to_the_rear(
-    robot_tells: str, rotation: str
-) -> None:
-    backend = f"tests.runs.test_run:{robot_tells.title()}Mock"
-    spec = RunSpec(failure=Failure(leg=2), gait="auto", backend=backend)
-    with Run(spec) as connected:
-        assert connected.plan.self_rotation == rotation
-        gait = connected.plan.gait
-    assert (gait.posture.body_raise > 0) == (rotation == "none"), "the gait is the one for that direction"
-
-
-def test_a_leg_that_was_turned_away_for_want_of_a_position_leaves_the_result_to_say_that_it_is_missing(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("hexctl.runs.run.POSITION_COMES_S", 0.0)
-    spec = RunSpec(
-        failure=Failure(leg=4),
-        gait="auto",
-        heading_rad=math.remainder(load_robot("ant").mount_yaws_rad[3] - math.pi, math.tau),
-        backend="tests.runs.test_run:FastYawMock",
-        duration_s=0.5,
-    )
-    with Run(spec) as connected:
-        assert connected.plan.self_rotation == "rear"
-        result = connected.walk().trial
-    assert result.hold == "heading"
-    assert result.hold_caveat is not None
-    assert "position" in result.hold_caveat
-
-
-class FastYawMock(PosedMock):
-    """A robot that knows its yaw alone, in a time of its own."""
+class YawMock(PosedMock):
+    """A robot that knows only its yaw."""
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot)
         self.position_world = None
 
 
-class YawMock(MockServos):
-    """A robot that knows its yaw alone."""
-
-    def __init__(self, robot: Robot) -> None:
-        super().__init__(robot)
-
-    def read(self) -> RobotState:
-        return replace(super().read(), base_quaternion_world=np.array([1.0, 0.0, 0.0, 0.0]))
-
-
 class PositionMock(YawMock):
-    """A robot that tells its position only at the fifth reading."""
+    """A robot that reports its position only at the fifth reading."""
 
     reads = 0
 
     def read(self) -> RobotState:
         self.reads += 1
-        return replace(super().read(), base_position_world=np.zeros(3) if self.reads > 4 else None)
+        if self.reads > 4:
+            self.position_world = np.zeros(3)
+        return super().read()
+
+
+@pytest.mark.parametrize(("kit", "rotation"), [("PositionMock", "none"), ("YawMock", "rear")])
+def test_a_robot_that_does_not_report_its_position_turns_its_failed_leg_to_the_rear(
+    kit: str, rotation: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hexctl.runs.run.POSITION_COMES_S", 0.2)
+    spec = RunSpec(
+        failure=Failure(leg=2),
+        gait="auto",
+        heading_rad=math.remainder(shipped().mount_yaws_rad[1] - math.pi, math.tau),
+        backend=f"{__name__}:{kit}",
+        duration_s=0.5,
+    )
+    with Run(spec) as connected:
+        assert connected.plan.self_rotation == rotation
+        assert (connected.plan.gait.posture.body_raise > 0) == (rotation == "none")
+        result = connected.walk().trial
+    assert result.hold == ("line" if rotation == "none" else "heading")
+    assert (result.hold_caveat is None) == (rotation == "none"), "the result says that it is missing"
 
 
 class WarningServos(ServosWrapper):
@@ -226,13 +194,9 @@ class TestFailuresInMidWalk:
 
     def test_what_the_world_lets_fail_is_told_as_well(self) -> None:
         world = World(failures=("2:limp@1", "4:limp@9"))
-        done = run(gait="tripod", duration_s=2.0, failure="5:locked@0.5", world=world)
-        assert done.outcome["events"] == ["5:locked@0.5", "2:limp@1"], "not those after its end"
-
-    def test_what_the_world_does_after_the_end_is_noted(self) -> None:
-        world = World(failures=("2:limp@1", "4:limp@9"))
-        with Run(RunSpec(gait="tripod", duration_s=2.0, world=world)) as late:
+        with Run(RunSpec(gait="tripod", duration_s=2.0, failure="5:locked@0.5", world=world)) as late:
             assert late.notes == ("4:limp@9 of the world changes nothing: the end is at 2 s",)
+            assert late.walk().outcome["events"] == ["5:locked@0.5", "2:limp@1"], "not those after its end"
         with Run(RunSpec(gait="tripod", duration_s=10.0, world=world)) as whole:
             assert whole.notes == ()
 
@@ -316,12 +280,10 @@ def test_legs_without_which_a_robot_hardly_walks_are_said_before_it_moves() -> N
     [
         ({"seed": -1}, "seed"),
         ({"realtime": True, "backend": "mock"}, "realtime"),
-        ({"connect": "tcp/x:1"}, "connect"),
         ({"speed": 3}, "speed"),
         ({"gait": make_gait(load_robot(), "demo"), "pace_hz": 1.0}, "pace_hz"),
         ({"record": Path("walk.txt")}, "walk.txt"),
         ({"controller": lambda step, state: crouch(step, state)[:17]}, "controller"),
-        ({"failed_leg": "auto"}, "failed_leg"),
         ({"failed_leg": (2, 5), "self_rotation": "rear"}, "2, 5"),
         ({"failure": [FailureEvent(at_s=3.0, leg=5)]}, "failure"),
         ({"heal": [FailureEvent(at_s=3.0, leg=5, failure=Failure(leg=5))]}, "heal"),
@@ -334,3 +296,60 @@ def test_legs_without_which_a_robot_hardly_walks_are_said_before_it_moves() -> N
 def test_what_cannot_be_done_is_refused_by_name(options: dict[str, Any], named: str) -> None:
     with pytest.raises(HexctlError, match=named):
         run(**options)
+
+
+class Echo(MockServos):
+    """Servos that echo, ahead of time."""
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot, clock=SimClock(lambda: None))
+
+
+ECHO = f"{__name__}:Echo"
+
+
+def test_a_simulated_leg_is_found_recorded_and_told_in_plain_values(tmp_path: Path) -> None:
+    path = tmp_path / "diagnosis.rrd"
+    done = hexctl.diagnose(failure="5:limp:femur", record=path)
+    assert [str(failure) for failure in done.diagnosis.failures] == ["limp:femur"]
+    assert done.trial.status == "ok"
+    assert done.recording == path
+    assert path.stat().st_size > 10_000
+    outcome = json.loads(json.dumps(done.to_dict(), allow_nan=False))
+    assert outcome["verdict"] == "leg 5 limp:femur"
+    assert outcome["legs"][4]["gains"]["femur"] < 0.3 < outcome["legs"][4]["gains"]["coxa"]
+    assert any("left out" in note for note in outcome["notes"])
+
+
+def test_echoing_servos_are_asked_about_leg_by_leg() -> None:
+    asked = []
+
+    def ask(leg: int) -> bool:
+        asked.append(leg)
+        return leg != 3
+
+    done = hexctl.diagnose(backend=ECHO, ask=ask)
+    assert asked == [1, 2, 3, 4, 5, 6]
+    assert done.diagnosis.source == done.outcome["source"] == "operator"
+    assert done.outcome["verdict"] == "leg 3 unknown"
+
+
+def test_without_an_operator_echoing_servos_leave_the_legs_unknown() -> None:
+    done = hexctl.diagnose(backend=ECHO)
+    assert done.diagnosis.source == "none"
+    assert done.diagnosis.failures == ()
+    assert done.outcome["verdict"].startswith("not known")
+
+
+def test_a_stop_request_ends_the_test_early() -> None:
+    calls = iter(range(10_000))
+    done = hexctl.diagnose(stop_requested=lambda: next(calls) > 100)
+    assert done.trial.status == "aborted"
+    assert done.diagnosis.failures == ()
+
+
+def test_only_a_simulation_is_told_what_to_break() -> None:
+    with pytest.raises(InputError, match="failed_leg"):
+        hexctl.diagnose(backend="mock", failed_leg=2)
+    with pytest.raises(InputError, match="gait"):
+        hexctl.diagnose(gait="wave")

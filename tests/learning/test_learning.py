@@ -1,5 +1,6 @@
-"""The Gymnasium environment: its contract, its seeds, and that it is the walk of a trial."""
+"""The Gymnasium environment, which is the walk of a trial; policies and their files."""
 
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -14,10 +15,10 @@ from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait
 from hexctl.learning.environment import HexapodEnvironment, Observation
 from hexctl.learning.learned_walk import ACTION_SIZE, OBSERVATION_SIZE, LearnedWalk
-from hexctl.learning.policy import NetworkPolicy
-from hexctl.robot.loader import load_robot
+from hexctl.learning.policy import NetworkPolicy, load_policy
+from tests.robots import shipped
 
-ANT = load_robot("ant")
+ANT = shipped()
 
 SHORT: dict[str, Any] = {"duration_s": 0.5, "failure_s": (0.1, 0.3)}
 
@@ -25,9 +26,14 @@ SHORT: dict[str, Any] = {"duration_s": 0.5, "failure_s": (0.1, 0.3)}
 def made_up_policy() -> NetworkPolicy:
     """A network with drawn weights."""
     random = np.random.default_rng(3)
-    sizes = ((OBSERVATION_SIZE, 16), (16, ACTION_SIZE))
+    sizes = ((OBSERVATION_SIZE, 16), (16, 16), (16, ACTION_SIZE))
     layers = tuple((0.3 * random.normal(size=size), random.normal(size=size[1])) for size in sizes)
     return NetworkPolicy(layers=layers, robot_fingerprint=ANT.fingerprint, origin={})
+
+
+def plan_of(duration_s: float) -> TrialPlan:
+    gait = make_gait(ANT, "tripod")
+    return TrialPlan(gait=gait, duration_s=duration_s, self_rotation="none", hold="line")
 
 
 def learned(start: WalkStart) -> LearnedWalk:
@@ -71,8 +77,7 @@ def test_an_episode_is_the_walk_of_a_trial_to_the_last_bit() -> None:
     while not ended:
         before = info
         observation, _, _, ended, info = environment.step(policy(observation))
-    plan = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=2.0, self_rotation="none", hold="line")
-    result = run_sim_trial(SimTrial(robot=ANT, plan=plan, failure=None), learned)
+    result = run_sim_trial(SimTrial(robot=ANT, plan=plan_of(2.0), failure=None), learned)
     assert result.true_path_m is not None
     assert result.true_path_m[-1].tolist() == list(before.values()), (
         "the trial ends before its last targets act"
@@ -94,7 +99,7 @@ def test_a_fall_ends_an_episode() -> None:
 
 
 def test_a_batch_of_learned_walks_equals_single_ones() -> None:
-    plan = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=0.5, self_rotation="none", hold="line")
+    plan = plan_of(0.5)
     trials = [SimTrial(robot=ANT, plan=plan, failure=None, world=world) for world in ("flat", "slope")]
     together = run_sim_trials(trials, 1, learned, apart=True)
     assert together == [run_sim_trial(trial, learned) for trial in trials]
@@ -124,3 +129,29 @@ def test_an_action_of_another_shape_is_refused() -> None:
     with pytest.raises(InputError, match=r"^action: got shape \(3,\); allowed: \(18,\)$"):
         environment.step(np.zeros(3))
     environment.close()
+
+
+def test_the_action_of_a_policy_is_that_of_its_network_and_a_file_keeps_it(tmp_path: Path) -> None:
+    first = np.array([[1.0, -0.5], [0.25, 2.0]]), np.array([0.5, -0.25])
+    last = np.array([[1.0], [-1.5]]), np.array([0.125])
+    policy = NetworkPolicy(layers=(first, last), robot_fingerprint="ant", origin={"steps": 3})
+    (action,) = policy(np.array([0.5, -1.0]))
+    assert action == pytest.approx(np.tanh(0.75) - 1.5 * np.tanh(-2.5) + 0.125)
+    policy.save(tmp_path / "small.npz")
+    found = load_policy(tmp_path / "small.npz")
+    assert (found.robot_fingerprint, found.origin) == ("ant", {"steps": 3})
+    for one, other in zip(found.layers, policy.layers, strict=True):
+        np.testing.assert_array_equal(one[0], other[0])
+        np.testing.assert_array_equal(one[1], other[1])
+
+
+@pytest.mark.slow
+def test_a_policy_equals_torch() -> None:
+    torch = pytest.importorskip("torch", reason="only with the extra `train`")
+    policy, random = made_up_policy(), np.random.default_rng(0)
+    values = torch.tensor(random.normal(size=(5, OBSERVATION_SIZE)), dtype=torch.float32)
+    expected = values.double()
+    for place, (weights, biases) in enumerate(policy.layers):
+        expected = expected @ torch.tensor(weights) + torch.tensor(biases)
+        expected = torch.tanh(expected) if place < len(policy.layers) - 1 else expected
+    np.testing.assert_allclose(policy(values.numpy()), expected.numpy(), atol=1e-12)

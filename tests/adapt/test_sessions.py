@@ -1,0 +1,283 @@
+"""A session: its spec, its table, its overview, what it expected, and how it compares with others."""
+
+import json
+import sys
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hexctl
+from hexctl.adapt.adapt_options import AdaptOptions
+from hexctl.adapt.runner import TrialRunner
+from hexctl.adapt.search import new_spec
+from hexctl.adapt.sessions import search_steps as module
+from hexctl.adapt.sessions.comparison import check_comparable, draw_comparison
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.search_steps import search_steps
+from hexctl.adapt.sessions.session_optimizer import make_search
+from hexctl.adapt.sessions.session_spec import SessionSpec
+from hexctl.adapt.sessions.session_tables import ASKED_COLUMNS, flat_rows
+from hexctl.adapt.sessions.session_viewing import make_overview
+from hexctl.adapt.sessions.store import FILE_NAME, SessionStore, list_sessions, load_session
+from hexctl.adapt.setting import load_setting
+from hexctl.adapt.trial_loop import AdaptLoop
+from hexctl.cli.main import exit_code
+from hexctl.control.assessment.top_speed import STRIDE
+from hexctl.control.trial_result import TrialResult
+from hexctl.errors import InputError, MissingExtraError
+from hexctl.recording.sessions.session_overview import make_table
+from hexctl.robot.failure import Failure
+from tests.adapt.priors import MadeUpModel, MadeUpWorld, optimizer_of
+from tests.adapt.walking import SPEC, UNSEEN, Landscape, baseline_record, record, result_of, stored_session
+
+
+def test_every_option_of_a_search_is_stored_and_comes_back(tmp_path: Path) -> None:
+    spec = new_spec(
+        failure=Failure(leg=2, kind="stuck", joint="femur", angle_rad=0.123456789),
+        seed=7,
+        duration_s=12.5,
+        heading_rad=0.1,
+        hold="heading",
+        target="2%",
+        prior="none",
+        baseline=False,
+    )
+    store = SessionStore(tmp_path)
+    name = store.create(spec).name
+    assert load_session(name, tmp_path).spec == spec
+    stored = json.loads((tmp_path / name / FILE_NAME).read_text())["session"]["spec"]
+    assert {field.name for field in fields(AdaptOptions)} < set(stored)
+    assert (spec.target_share, spec.versions["hexctl"] != "") == (0.02, True)
+
+
+def test_a_session_continues_as_it_began_whatever_the_settings_say_by_then(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, request: Landscape()(request))
+    Path("hexctl.toml").write_text("[adapt]\nduration = 7\noptimizer = 'pso'\n")
+    begun = ["adapt", "--failed-leg", "5", "--budget", "2", "--no-record", "--quiet"]
+    assert exit_code(begun) == 0
+    (begun_so,) = list_sessions()
+    assert (begun_so.spec.duration_s, begun_so.spec.optimizer) == (7.0, "pso")
+    Path("hexctl.toml").write_text("[adapt]\nduration = 9\noptimizer = 'dps'\nseed = 4\n")
+    assert exit_code(["adapt", "--resume", begun_so.name, "--budget", "4", "--no-record", "--quiet"]) == 0
+    again = load_session(begun_so.name)
+    assert len(again.trials) == 4
+    assert (again.spec.duration_s, again.spec.optimizer, again.spec.seed) == (7.0, "pso", 0)
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize("field", ["optimizer", "objective", "backend", "policy"])
+def test_a_session_imports_no_code_without_trust(field: str) -> None:
+    spec = new_spec(failed_leg=5)
+    spec.check_trusted((), trust=False)
+    named: dict[str, Any] = {field: "planted:Thing"}
+    foreign = replace(spec, **named)
+    with pytest.raises(InputError, match="trust"):
+        foreign.check_trusted((), trust=False)
+    foreign.check_trusted((), trust=True)
+    foreign.check_trusted({"servos" if field == "backend" else field}, trust=False)
+
+
+def session(*results: float | TrialResult, name: str = "a", **spec: Any) -> Session:
+    """A session whose trials have these results, or end so far to the left of the line."""
+    trials = [record(index, result) for index, result in enumerate(results, start=1)]
+    return Session(name=name, spec=replace(SPEC, **spec), created="2026-01-01", trials=trials)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        [session(0.1)],
+        [session(0.1), session(0.1)],
+        [session(0.1), session(0.1, name="b", objective="mean")],
+        [session(0.1), session(name="b")],
+    ],
+)
+def test_what_cannot_be_compared_is_refused(given: list[Session]) -> None:
+    with pytest.raises(InputError, match="session: "):
+        check_comparable(given)
+
+
+def test_the_plot_is_a_new_png(tmp_path: Path) -> None:
+    from matplotlib.image import imread
+
+    both = [session(0.3, 0.1), session(0.5, 0.2, 0.05, name="b")]
+    draw_comparison(both, tmp_path / "best.png")
+    assert imread(tmp_path / "best.png").shape[:2] == (750, 1200)
+    for path in ("best.png", "best.svg", "nowhere/best.png"):
+        with pytest.raises(InputError, match="out: "):
+            draw_comparison(both, tmp_path / path)
+
+
+def test_the_command_prints_a_column_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    names = [
+        stored_session(tmp_path / "runs", 0.12, tripod=0.02),
+        stored_session(tmp_path / "runs", 0.034),
+    ]
+    assert exit_code(["sessions", "compare", *names, "--out", "best.png"]) == 0
+    head, tripod, row, found, out = capsys.readouterr().out.splitlines()
+    assert head.split() == ["trials", *names]
+    assert tripod.split() == ["0:", "tripod", "2.0", "cm", "-"]
+    assert row.split() == ["best", "of", "1", "12.0", "cm", "3.4", "cm"]
+    assert found.split() == ["found", "tripod", "2.0", "cm", "17", "3.4", "cm"]
+    assert exit_code(["sessions", "compare", *names, "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["sessions"]
+    assert [row["without_search"] for row in rows] == [{"tripod": pytest.approx(0.02)}, {}]
+    assert [row["recommended"]["code"] for row in rows] == [None, 17]
+    assert Path(out).is_file()
+    assert exit_code(["sessions", "compare", names[0]]) == 2
+    assert exit_code(["sessions", "compare", names[0], "nobody"]) == 2
+
+
+def test_every_trial_of_all_sessions_is_a_row_and_without_pandas_the_extra_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import pandas
+
+    empty = hexctl.sessions(tmp_path)
+    assert len(empty[empty["status"] == "ok"].sort_values("score")) == 0
+    assert not list(tmp_path.iterdir())
+    names = [stored_session(tmp_path, off_m, tripod=0.2) for off_m in (0.12, 0.03)]
+    table = hexctl.sessions(tmp_path)
+    assert isinstance(table, pandas.DataFrame)
+    assert (table["session"].tolist(), table["failed_leg"].tolist()) == (names, [2, 2])
+    assert str(table["created"].dtype).startswith("datetime64")
+    sessions = {one.name: one for one in list_sessions(tmp_path)}
+    for row in table.to_dict("records"):
+        trial = sessions[row["session"]].trials[row["index"] - 1]
+        assert row["slots"] == " ".join(map(str, trial.slots))
+        assert (row["score"], row["status"]) == (trial.score, trial.as_json()["status"])
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(MissingExtraError, match="data"):
+        hexctl.sessions(tmp_path)
+
+
+def test_exported_rows_are_trials_alone_and_the_baseline_is_columns() -> None:
+    both = session(0.2, 0.2)
+    without = flat_rows(both)
+    both.baseline.append(baseline_record("tripod", result_of(0.0, "no_progress")))
+    rows = flat_rows(both)
+    assert [row["index"] for row in rows] == [1, 2]
+    columns = list(rows[0])
+    assert columns == list(without[0])
+    asked = [*ASKED_COLUMNS, *STRIDE]
+    assert [rows[0][name] for name in asked] == ["ant", "flat", "locked", 30.0, None, *[None] * len(STRIDE)]
+    assert all(row["baseline_tripod_status"] == "no_progress" for row in rows)
+    assert all(row["baseline_tripod_score"] is None for row in rows)
+    assert all(row[name] is None for row in without for name in columns if name.startswith("baseline_"))
+
+
+def test_json_has_leg_and_kind_and_degrees() -> None:
+    failure = Failure(leg=3, kind="weak", torque_fraction=0.5)
+    values = SessionSpec(failure=(failure,), heading_rad=0.5).as_json()
+    assert (values["failed_leg"], values["failure"]) == (3, "weak:0.5")
+    assert values["heading_deg"] == pytest.approx(28.6478897565)
+    assert "heading_rad" not in values
+
+
+def test_trials_keep_their_numbers_and_invalid_ones_have_no_score() -> None:
+    overview = make_overview(session(-0.3, result_of(0.0, "no_progress"), 0.02))
+    assert [trial.score_m for trial in overview.trials] == [0.3, None, 0.02]
+    assert [trial.deviation_m for trial in overview.trials] == [-0.3, 0.0, 0.02]
+    assert [trial.status for trial in overview.trials] == ["ok", "no_progress", "ok"]
+    assert overview.best is overview.trials[2]
+    assert overview.course_m == 4.455
+
+
+def test_a_trial_that_never_set_out_or_diverged_has_no_impossible_points() -> None:
+    lost = replace(UNSEEN, status="aborted")
+    wild = replace(result_of(0.0, "diverged"), path_m=np.full((40, 2), np.nan))
+    overview = make_overview(session(lost, wild))
+    assert [len(trial.path_m) for trial in overview.trials] == [0, 1]
+    assert overview.best is None
+
+
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory: pytest.TempPathFactory) -> Session:
+    """A session with a shipped prior in a made-up world."""
+    folder = tmp_path_factory.mktemp("runs")
+    spec = new_spec(failed_leg=5, budget=5, confirm=1, worth_m=0.0, baseline=False, folder=folder)
+    setting = load_setting(spec)
+    search = make_search(spec, setting.robot, setting.plan, setting.prior)
+    store = SessionStore(folder)
+    made = store.create(spec)
+    AdaptLoop(made, store, search, MadeUpWorld(MadeUpModel().worlds(1, 7)[0])).run()
+    return load_session(made.name, store.folder)
+
+
+def test_the_next_gait_has_the_interval_that_was_stored_with_it(walked: Session) -> None:
+    assert walked.spec.uncertainty_m > 0
+    for step, trial in zip(search_steps(walked), walked.trials, strict=False):
+        assert step.next_code == trial.code
+        assert step.beliefs is not None
+        assert trial.expected is not None
+        row = trial.code - 1
+        # The simulation's own uncertainty is in the chance to reach the target, and so in the interval.
+        reach_m = np.hypot(
+            trial.expected["high_m"] - trial.expected["signed_m"], 1.645 * walked.spec.uncertainty_m
+        )
+        assert step.beliefs.signed_m[row] == pytest.approx(trial.expected["signed_m"], abs=1e-9)
+        assert step.beliefs.high_m[row] - step.beliefs.signed_m[row] == pytest.approx(reach_m, rel=1e-3)
+        assert step.beliefs.signed_m[row] - step.beliefs.low_m[row] == pytest.approx(reach_m, rel=1e-3)
+
+
+def test_beliefs_that_are_not_those_of_the_session_are_not_shown(walked: Session, tmp_path: Path) -> None:
+    first, second, *later = walked.trials
+    another = replace(second, code=second.code % 120 + 1)
+    gone = str(tmp_path / "gone.npz")
+    for changed, why in (
+        (replace(walked, trials=[first, another, *later]), "other trials"),
+        (replace(walked, spec=replace(walked.spec, prior=gone)), "gone.npz"),
+        (replace(walked, spec=replace(walked.spec, prior_digest="0" * 64)), "is not the one"),
+        (replace(walked, spec=replace(walked.spec, robot_fingerprint="")), "robot"),
+        (replace(walked, optimizer_state={"search": {}}), "cannot be shown"),
+    ):
+        steps = search_steps(changed)
+        assert len(steps) == len(walked.trials) + 1
+        assert all(step.beliefs is None for step in steps)
+        assert all(
+            "what was expected of the gaits cannot be shown" in step.note and why in step.note
+            for step in steps
+        )
+        assert all("largest expected gain" not in step.note for step in steps)
+
+
+def test_the_baseline_is_shown_before_the_trials_and_is_never_the_best() -> None:
+    shown = session(-0.3)
+    shown.trials.append(record(2, -0.3, confirms=True))
+    shown.baseline.append(baseline_record("tripod", 0.01))
+    overview = make_overview(shown)
+    assert overview.best is overview.trials[0]
+    assert overview.trials[1].status == "ok (repeat)"
+    assert "without a search: tripod 1.0 cm" in overview.facts
+    rows = [row for row in make_table(overview).splitlines() if row.startswith("| ")]
+    assert rows[1].startswith("| 0 | tripod | 1,4,1,4,1,4 | 1.0 cm left |")
+
+
+def test_beliefs_are_shown_until_a_trial_and_a_session_without_an_end_goes_on(
+    walked: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "MOST_TRIALS", 2)
+    steps = search_steps(replace(walked, ended=None))
+    assert [step.beliefs is not None for step in steps] == [True] * 3 + [False] * (len(steps) - 3)
+    assert ["until trial 2" in step.note for step in steps] == [False] * 3 + [True] * (len(steps) - 3)
+    assert steps[3].next_code == walked.trials[3].code
+    assert "goes on" in steps[-1].note
+
+
+def test_a_search_without_beliefs_expects_nothing(tmp_path: Path) -> None:
+    store = SessionStore(tmp_path)
+    made = store.create(replace(SPEC, optimizer="random", budget=3))
+    AdaptLoop(made, store, optimizer_of(made.spec), Landscape()).run()
+    steps = search_steps(made)
+    assert [step.beliefs for step in steps] == [None] * 4
+    assert [step.next_code for step in steps] == [*(trial.code for trial in made.trials), None]
+    assert all("expected" not in step.note for step in steps)
