@@ -217,7 +217,7 @@ DAMAGE: list[tuple[int | slice, object]] = [
 
 @pytest.mark.parametrize(("place", "value"), DAMAGE, ids=str)
 def test_a_damaged_state_is_refused_and_nothing_is_taken_over(place: int | slice, value: object) -> None:
-    optimizer = made_up_bayes(SAMPLES)
+    optimizer = made_up_bayes(SAMPLES, target_m=1e-6)
     adapt(optimizer, worlds(1)[0], budget=2)
     before = travelled(optimizer.state())
     damaged = travelled(optimizer.state())

@@ -14,7 +14,7 @@ from hexctl.adapt.adapt_options import AdaptOptions
 from hexctl.adapt.runner import TrialRunner
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions import search_steps as module
-from hexctl.adapt.sessions.comparison import check_comparable, draw_comparison
+from hexctl.adapt.sessions.comparison import check_comparable
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.search_steps import search_steps
 from hexctl.adapt.sessions.session_optimizer import make_search
@@ -89,29 +89,10 @@ def session(*results: float | TrialResult, name: str = "a", **spec: Any) -> Sess
     return Session(name=name, spec=replace(SPEC, **spec), created="2026-01-01", trials=trials)
 
 
-@pytest.mark.parametrize(
-    "given",
-    [
-        [session(0.1)],
-        [session(0.1), session(0.1)],
-        [session(0.1), session(0.1, name="b", objective="mean")],
-        [session(0.1), session(name="b")],
-    ],
-)
-def test_what_cannot_be_compared_is_refused(given: list[Session]) -> None:
+@pytest.mark.parametrize("other", [session(0.1), session(0.1, name="b", objective="mean"), session(name="b")])
+def test_what_cannot_be_compared_is_refused(other: Session) -> None:
     with pytest.raises(InputError, match="session: "):
-        check_comparable(given)
-
-
-def test_the_plot_is_a_new_png(tmp_path: Path) -> None:
-    from matplotlib.image import imread
-
-    both = [session(0.3, 0.1), session(0.5, 0.2, 0.05, name="b")]
-    draw_comparison(both, tmp_path / "best.png")
-    assert imread(tmp_path / "best.png").shape[:2] == (750, 1200)
-    for path in ("best.png", "best.svg", "nowhere/best.png"):
-        with pytest.raises(InputError, match="out: "):
-            draw_comparison(both, tmp_path / path)
+        check_comparable([session(0.1), other])
 
 
 def test_the_command_prints_a_column_each(
@@ -132,8 +113,11 @@ def test_the_command_prints_a_column_each(
     rows = json.loads(capsys.readouterr().out)["sessions"]
     assert [row["without_search"] for row in rows] == [{"tripod": pytest.approx(0.02)}, {}]
     assert [row["recommended"]["code"] for row in rows] == [None, 17]
-    assert Path(out).is_file()
-    assert exit_code(["sessions", "compare", names[0]]) == 2
+    assert Path(out).read_bytes().startswith(b"\x89PNG")
+    capsys.readouterr()
+    for path in ("best.png", "best.svg", "nowhere/best.png"):
+        assert exit_code(["sessions", "compare", *names, "--out", path]) == 2
+        assert "--out: " in capsys.readouterr().err
     assert exit_code(["sessions", "compare", names[0], "nobody"]) == 2
 
 

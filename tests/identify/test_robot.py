@@ -190,7 +190,8 @@ def test_what_was_measured_is_no_longer_unknown(tmp_path: Path) -> None:
 
 def test_a_centre_of_which_one_part_is_known_stays_unknown(tmp_path: Path) -> None:
     centre = {"trunk_com_x_m": (0.01, 0.001), "trunk_com_y_m": (0.02, 0.009)}
-    before, after = lukas(tmp_path, ("unknown: [", "unknown: [body.com_m, "), **centre)
+    change = ("unknown: [", "unknown: [body.com_m, ")
+    before, after = lukas(tmp_path, change, stiffness_nm_per_rad=(20.0, 0.5), **centre)
     assert after.robot.body.com_m == before.robot.body.com_m
     assert "body.com_m" in after.content.unknown
 

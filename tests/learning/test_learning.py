@@ -109,7 +109,6 @@ def test_a_batch_of_learned_walks_equals_single_ones() -> None:
     ("options", "named"),
     [
         ({"failures": ("limp:knee",)}, "failure"),
-        ({"failures": ("melted",)}, "failure"),
         ({"failures": ()}, "failures"),
         ({"failing": 1.5}, "failing"),
         ({"failure_s": (4.0, 1.0)}, "failure_s"),

@@ -136,24 +136,35 @@ class PositionMock(YawMock):
         return super().read()
 
 
+@pytest.fixture
+def _position_comes_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hexctl.runs.run.POSITION_COMES_S", 0.2)
+
+
+@pytest.mark.usefixtures("_position_comes_soon")
 @pytest.mark.parametrize(("kit", "rotation"), [("PositionMock", "none"), ("YawMock", "rear")])
 def test_a_robot_that_does_not_report_its_position_turns_its_failed_leg_to_the_rear(
-    kit: str, rotation: str, monkeypatch: pytest.MonkeyPatch
+    kit: str, rotation: str
 ) -> None:
-    monkeypatch.setattr("hexctl.runs.run.POSITION_COMES_S", 0.2)
+    with Run(RunSpec(failure=Failure(leg=2), gait="auto", backend=f"{__name__}:{kit}")) as connected:
+        assert connected.plan.self_rotation == rotation
+        gait = connected.plan.gait
+    assert (gait.posture.body_raise > 0) == (rotation == "none"), "the gait is the one for that direction"
+
+
+@pytest.mark.usefixtures("_position_comes_soon")
+def test_a_result_says_that_the_position_is_missing() -> None:
     spec = RunSpec(
-        failure=Failure(leg=2),
+        failure=Failure(leg=4),
         gait="auto",
-        heading_rad=math.remainder(shipped().mount_yaws_rad[1] - math.pi, math.tau),
-        backend=f"{__name__}:{kit}",
+        heading_rad=math.remainder(shipped().mount_yaws_rad[3] - math.pi, math.tau),
+        backend=f"{__name__}:YawMock",
         duration_s=0.5,
     )
-    with Run(spec) as connected:
-        assert connected.plan.self_rotation == rotation
-        assert (connected.plan.gait.posture.body_raise > 0) == (rotation == "none")
-        result = connected.walk().trial
-    assert result.hold == ("line" if rotation == "none" else "heading")
-    assert (result.hold_caveat is None) == (rotation == "none"), "the result says that it is missing"
+    result = run(spec).trial
+    assert result.hold == "heading"
+    assert result.hold_caveat is not None
+    assert "position" in result.hold_caveat
 
 
 class WarningServos(ServosWrapper):
