@@ -28,14 +28,12 @@ from hexctl.errors import InputError, WrongTypeError
 from hexctl.types import RobotState
 from tests.adapt.walking import Landscape
 from tests.cli.adaptkits import Blind
-from tests.cli.kits import Kit
 from tests.robots import shipped
 
 
 @pytest.fixture(autouse=True)
 def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(Kit, "made", [])
 
 
 @pytest.fixture
@@ -88,7 +86,7 @@ def test_what_an_unknown_failure_breaks_is_noted_and_not_told() -> None:
 
 
 @pytest.mark.usefixtures("landscape")
-def test_a_trial_whose_line_is_damaged_keeps_its_recording() -> None:
+def test_a_trial_whose_line_is_damaged_keeps_its_recording_and_one_that_has_ended_stays_as_it_is() -> None:
     name = adapt(5, budget=2, optimizer="pso", prior="none", record=False).session.name
     file, recording = Path("runs", name, FILE_NAME), Path("runs", name, "trial-002.rrd")
     file.write_text(file.read_text().replace('"index": 2', '"index": '))
@@ -96,6 +94,10 @@ def test_a_trial_whose_line_is_damaged_keeps_its_recording() -> None:
     resumed = Adaptation.resume(name, budget=4, record=False).run()
     assert [trial.index for trial in resumed.trials] == [1, 2, 3, 4]
     assert recording.exists()
+    begun: list[Session] = []
+    again = Adaptation.resume(name, record=False).run(on_begin=begun.append)
+    assert (again.walked, again.ended, again.trials) == (0, "budget", resumed.trials)
+    assert [session.name for session in begun] == [name]
 
 
 @pytest.mark.usefixtures("landscape")
@@ -165,22 +167,6 @@ class Measures:
         return Answer(word="measured", distance_m=0.9 * at_most_m / 2, signed_m=0.1)
 
 
-#: Two trials of a connected robot.
-TWO_TRIALS: dict[str, Any] = {
-    "budget": 2, "duration_s": 1.0, "prior": "none", "record": False, "baseline": False,
-}  # fmt: skip
-
-
-def test_a_connected_robot_and_an_operator() -> None:
-    operator = Measures()
-    result = adapt(5, servos=Blind(shipped()), operator=operator, **TWO_TRIALS)
-    assert [trial.score for trial in result.trials] == [pytest.approx(0.1)] * 2
-    assert operator.placed == [trial.code for trial in result.trials]
-    assert result.session.spec.backend == "tests.cli.adaptkits:Blind"
-    (robot,) = Kit.made
-    assert robot.closed
-
-
 class Warned(Blind):
     """Warns from the beginning, and of another servo once it walks."""
 
@@ -189,9 +175,15 @@ class Warned(Blind):
         return replace(super().read(), warnings=(f"warm, {60 + len(self.sent) % 7} degrees C: {servos}",))
 
 
-def test_a_warning_that_a_robot_has_from_the_beginning_is_noted_once() -> None:
-    notes: list[str] = []
-    adapt(5, servos=Warned(shipped()), operator=Measures(), note=notes.append, **TWO_TRIALS)
+def test_an_operator_measures_a_connected_robot_each_of_whose_warnings_is_noted_once() -> None:
+    operator, notes = Measures(), list[str]()
+    options: dict[str, Any] = {"budget": 2, "duration_s": 1.0, "prior": "none", "baseline": False}
+    robot = Warned(shipped())
+    result = adapt(5, servos=robot, operator=operator, note=notes.append, record=False, **options)
+    assert [trial.score for trial in result.trials] == [pytest.approx(0.1)] * 2
+    assert operator.placed == [trial.code for trial in result.trials]
+    assert result.session.spec.backend == f"{__name__}:Warned"
+    assert robot.closed
     told = [note.partition(": leg ")[2] for note in notes if note.startswith("servos: warm")]
     assert told == ["2 femur (id 5)", "5 femur (id 14)"]
 

@@ -49,12 +49,12 @@ def bare(name: str) -> Make:
     return lambda space, seed: make_optimizer(name, space, seed)
 
 
-def fresh(name: str) -> Make:
-    return lambda space, seed: Deduplication(make_optimizer(name, space, seed), seed)
+def fresh(name: str, **options: Any) -> Callable[[GaitSpace, int], Deduplication]:
+    return lambda space, seed: Deduplication(make_optimizer(name, space, seed), seed, **options)
 
 
 def paper(name: str) -> Make:
-    return lambda space, seed: Deduplication(make_optimizer(name, space, seed), seed, paper_count=True)
+    return fresh(name, paper_count=True)
 
 
 #: Every optimizer bare, two as a session asks them, one with the paper's count.
@@ -172,16 +172,12 @@ def test_an_optimizer_that_does_not_learn_is_refused_before_it_is_asked() -> Non
         make_optimizer(Forgetful, ONE_FAILED, 0)
 
 
-def without_repeats(name: str, seed: int = 1, **options: Any) -> Deduplication:
-    return Deduplication(make_optimizer(name, ONE_FAILED, seed), seed, **options)
-
-
 @pytest.mark.parametrize("name", OPTIMIZERS)
 @pytest.mark.parametrize(("batch", "landscape"), [(1, slope), (64, lambda _: 1e9)], ids=["slope", "flat"])
 def test_every_code_is_handed_out_once_and_then_it_is_exhausted(
     name: str, batch: int, landscape: Callable[[int], float]
 ) -> None:
-    optimizer = without_repeats(name)
+    optimizer = fresh(name)(ONE_FAILED, 1)
     codes = search(optimizer, 1000, batch=batch, landscape=landscape)
     assert sorted(codes) == list(range(1, 121))
     assert optimizer.exhausted
@@ -202,7 +198,7 @@ def test_a_search_that_is_stuck_gets_help_after_the_patience_and_asks_on() -> No
 @pytest.mark.parametrize("stop", [0, 3])
 def test_help_goes_on_after_a_restore(stop: int) -> None:
     # By then the swarm has collapsed.
-    original, restored = without_repeats("pso", 5, patience=5), without_repeats("pso", 6, patience=5)
+    original, restored = (fresh("pso", patience=5)(ONE_FAILED, seed) for seed in (5, 6))
     search(original, 60 + stop)
     restored.restore(original.state())
     assert search(restored, 20) == search(original, 20)
@@ -242,10 +238,11 @@ def test_everything_that_the_search_says_passes_through(paper_count: bool) -> No
 
 @pytest.mark.parametrize("options", [{"paper_count": True}, {"patience": 7}, None], ids=str)
 def test_states_of_other_rules_and_of_bare_searches_are_refused(options: dict[str, Any] | None) -> None:
-    optimizer, alone = without_repeats("pso"), make_optimizer("pso", ONE_FAILED, 0)
+    optimizer, alone = fresh("pso")(ONE_FAILED, 1), make_optimizer("pso", ONE_FAILED, 0)
+    other = alone if options is None else fresh("pso", **options)(ONE_FAILED, 1)
     before = optimizer.state()
     with pytest.raises(InputError):
-        optimizer.restore(alone.state() if options is None else without_repeats("pso", **options).state())
+        optimizer.restore(other.state())
     assert optimizer.state() == before
     with pytest.raises(InputError):
         alone.restore(before)

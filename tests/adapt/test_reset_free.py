@@ -211,28 +211,22 @@ def test_a_fall_on_the_way_to_the_start_is_not_the_gaits_fault() -> None:
         runner_of(guard, arena=ARENA).walk(request_of(1, 17))
 
 
-def test_a_robot_that_sat_down_between_trials_is_stood_up_from_there() -> None:
+def test_between_trials_silence_is_no_failure_and_a_robot_that_sat_down_is_stood_up_from_there() -> None:
+    """A person who measures takes longer than the guard's patience."""
     servos = PosedMock(ROBOT)
     with Guard(servos) as guard:
         runner = runner_of(guard, SHORT_PLAN)
         runner.walk(request_of(1, 17))
+        assert not guard.expects_commands
+        servos.time.sleep(60.0)
+        guard.read()
+        assert guard.stopped is None
         sat_rad = ROBOT.stance_angles_rad + 0.4
         servos.joints_rad = sat_rad
         servos.sent.clear()
         runner.walk(request_of(2, 17))
     steps = np.abs(servos.sent[0].joint_positions_rad - sat_rad)
     assert steps.max() < 0.1, "the first command is near where the joints are"
-
-
-def test_after_a_trial_silence_is_no_failure() -> None:
-    """A person who measures takes longer than the guard's patience."""
-    servos = PosedMock(ROBOT)
-    with Guard(servos) as guard:
-        runner_of(guard, SHORT_PLAN).walk(request_of(1, 17))
-        assert not guard.expects_commands
-        servos.time.sleep(60.0)
-        guard.read()
-        assert guard.stopped is None
 
 
 class HeatedMock(PosedMock):

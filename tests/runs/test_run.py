@@ -292,6 +292,7 @@ def test_legs_without_which_a_robot_hardly_walks_are_said_before_it_moves() -> N
         ({"seed": -1}, "seed"),
         ({"realtime": True, "backend": "mock"}, "realtime"),
         ({"speed": 3}, "speed"),
+        ({"gait": "best", "failed_leg": 2}, "gait"),
         ({"gait": make_gait(load_robot(), "demo"), "pace_hz": 1.0}, "pace_hz"),
         ({"record": Path("walk.txt")}, "walk.txt"),
         ({"controller": lambda step, state: crouch(step, state)[:17]}, "controller"),
