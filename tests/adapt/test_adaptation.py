@@ -111,6 +111,13 @@ def test_a_session_that_names_foreign_code_once_it_is_held_is_not_trusted() -> N
 
 
 @pytest.mark.usefixtures("landscape")
+def test_a_budget_above_the_number_of_gaits_is_noted() -> None:
+    notes: list[str] = []
+    adapt(5, budget=500, optimizer="random", target_m=100.0, record=False, note=notes.append)
+    assert any("there are 120 gaits" in note for note in notes)
+
+
+@pytest.mark.usefixtures("landscape")
 def test_optimizer_and_objective_of_ones_own() -> None:
     result = adapt(5, budget=5, optimizer=Backwards, objective=to_the_left, record=False)
     spec = result.session.spec
