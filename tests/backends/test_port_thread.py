@@ -57,14 +57,18 @@ class _Board:
         self._do("close")
 
 
+def _thread(
+    board: _Board, opened: Callable[[], _Board], *, speed: float = 1e6, told_us: float = np.nan
+) -> BoardThread:
+    """A thread for a board that opens others after it, for joints with a speed and their last pulses."""
+    first, told = BoardReport(at_s=board.time.now()), np.full(18, told_us)
+    return BoardThread(opened, board, first, PortCounters(), np.full(18, speed), told, time=board.time)
+
+
 @contextmanager
-def _running(board: _Board, opened: Callable[[], _Board]) -> Iterator[BoardThread]:
-    """A thread that runs a board meanwhile."""
-    first, time = BoardReport(at_s=board.time.now()), board.time
-    thread = BoardThread(
-        opened, board, first, PortCounters(), np.full(18, 1e6), np.full(18, np.nan), time=time
-    )
-    thread.start()
+def _running(thread: BoardThread, *, on: bool = False) -> Iterator[BoardThread]:
+    """Let a thread run meanwhile."""
+    thread.start(on=on)
     try:
         yield thread
     finally:
@@ -99,7 +103,7 @@ def test_whatever_a_port_raises_it_has_gone_and_is_opened_again(
             raise error
         return mended
 
-    with _running(board, opened) as thread:
+    with _running(_thread(board, opened)) as thread:
         board.fails[call] = error
         if call == "begin":
             thread.send(POSE)
@@ -121,10 +125,8 @@ def test_targets_that_come_late_and_then_at_once_move_no_joint_farther_than_it_m
     time: FakeTime,
 ) -> None:
     rng, board = np.random.default_rng(11), _Board(time)
-    first = BoardReport(at_s=time.now())
     step = 10.0  # in a control period
-    speeds, told_us = np.full(18, step / PERIOD_S), np.full(18, np.nan)
-    thread = BoardThread(lambda: board, board, first, PortCounters(), speeds, told_us, time=time)
+    thread = _thread(board, lambda: board, speed=step / PERIOD_S)
     told = [np.where(np.arange(18) < 9, POSE, np.nan)]
     passed_s = [0.0]
     for _ in range(500):
@@ -149,7 +151,7 @@ def test_targets_that_come_late_and_then_at_once_move_no_joint_farther_than_it_m
 
 def test_a_torque_that_could_not_be_switched_off_is_off_once_the_port_is_back(time: FakeTime) -> None:
     board, mended = _Board(time), _Board(time)
-    with _running(board, lambda: mended) as thread:
+    with _running(_thread(board, lambda: mended)) as thread:
         thread.send(POSE)
         _wait(time, lambda: "begin" in board.said)
         board.fails["end"] = OSError(5, "Input/output error")
@@ -170,7 +172,7 @@ def test_targets_that_come_before_the_torque_is_off_are_obeyed(time: FakeTime) -
             raise OSError(6, "No such device")
         return mended
 
-    with _running(board, opened) as thread:
+    with _running(_thread(board, opened)) as thread:
         board.fails["end"] = OSError(5, "Input/output error")
         thread.release()
         _wait(time, lambda: thread.gone)
@@ -185,7 +187,7 @@ def test_targets_that_come_before_the_torque_is_off_are_obeyed(time: FakeTime) -
 
 def test_a_board_that_tripped_is_switched_off_although_targets_follow(time: FakeTime) -> None:
     board = _Board(time, fault="overcurrent")
-    with _running(board, lambda: board) as thread:
+    with _running(_thread(board, lambda: board)) as thread:
         _wait(time, lambda: thread.newest.fault)
         thread.send(POSE)
         time.sleep(0.1)
@@ -200,7 +202,7 @@ def test_a_board_that_tripped_is_switched_off_although_targets_follow(time: Fake
 @pytest.mark.parametrize("released", [True, False])
 def test_what_was_asked_for_last_is_done_before_the_end(released: bool, time: FakeTime) -> None:
     board = _Board(time)
-    with _running(board, lambda: board) as thread:
+    with _running(_thread(board, lambda: board)) as thread:
         thread.send(POSE)
         if released:
             thread.release()
@@ -209,7 +211,7 @@ def test_what_was_asked_for_last_is_done_before_the_end(released: bool, time: Fa
 
 def test_an_end_that_fails_is_an_end(time: FakeTime) -> None:
     board = _Board(time)
-    with _running(board, lambda: board) as thread:
+    with _running(_thread(board, lambda: board)) as thread:
         board.fails = {"begin": RuntimeError("no"), "close": ValueError("no")}
     assert not thread._thread.is_alive()
 
@@ -227,17 +229,8 @@ def test_torque_that_is_to_be_off_stays_off_when_that_is_asked_for_in_the_midst_
             assert released.wait(10)
 
     board = Slow(time)
-    thread = BoardThread(
-        lambda: board,
-        board,
-        BoardReport(at_s=time.now()),
-        PortCounters(),
-        np.full(18, 100.0),  # slow joints: far targets take many steps
-        np.full(18, 1000.0),
-        time=time,
-    )
-    thread.start(on=True)
-    try:
+    slow = _thread(board, lambda: board, speed=100.0, told_us=1000.0)  # far targets take many steps
+    with _running(slow, on=True) as thread:
         thread.send(POSE)
         assert writing.wait(10)
         thread.release()
@@ -245,9 +238,6 @@ def test_torque_that_is_to_be_off_stays_off_when_that_is_asked_for_in_the_midst_
         _wait(time, lambda: "end" in board.said)
         time.sleep(0.3)
         assert board.said[-1] == "end", board.said
-    finally:
-        released.set()
-        thread.stop()
 
 
 def test_targets_that_come_while_a_port_is_opened_are_dropped(time: FakeTime) -> None:
@@ -260,7 +250,7 @@ def test_targets_that_come_while_a_port_is_opened_are_dropped(time: FakeTime) ->
             return super().commanded_us()
 
     board, mended = _Board(time), Met(time)
-    with _running(board, lambda: mended) as thread:
+    with _running(_thread(board, lambda: mended)) as thread:
         board.fails["poll"] = OSError(5, "Input/output error")
         _wait(time, opening.is_set)
         thread.send(POSE)

@@ -1,37 +1,51 @@
-"""Servos that answer on a bus, without a robot or beside one whose ids are not those of its file."""
+"""Servos that answer on a bus, without a robot or with one whose ids are not those of its file.
 
+Bytes that are no answers are named, too: ids used twice, noise, wrong baud rates.
+"""
+
+import random
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hexctl.backends.bus.bus_options import BusAddress, BusOptions, ScanOptions, ServoAssignmentOptions
+from hexctl.backends.bus import tools
+from hexctl.backends.bus.bus_options import BusAddress, BusOptions, ServoAssignmentOptions
+from hexctl.backends.bus.damage import Damage
+from hexctl.backends.bus.servo_bus import BusCounters
 from hexctl.backends.bus.tools import (
     adopt,
-    id_differences,
-    joint_of,
+    bus_of,
+    check_no_unexpected_ids,
+    packets_of,
     scan_bus,
     set_servo_id,
+    the_servo,
 )
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
 from hexctl.simulators.register_servos import BusServo
-from hexctl.types import JOINT_NAMES
 from tests.backends.bus.boards import (
     FAMILIES,
     MODELS,
+    BoardLine,
+    MemoryLine,
     a_map,
     memory_bus,
     register_servo_of,
     servos_on,
     stance_counts,
 )
+from tests.backends.fake_time import FakeTime
 from tests.robots import edited_file, put, shipped
 
+every_family = pytest.mark.parametrize(("driver", "model"), [*MODELS, ("lx16a", "lx16a")])
 
-@pytest.mark.parametrize(("driver", "model"), [*MODELS, ("lx16a", "lx16a")])
+
+@every_family
 def test_every_servo_is_found_with_what_it_is(driver: str, model: str) -> None:
     bus_map, baud = a_map(driver, model), DEFAULT_BAUDS[driver]
     old = driver == "lx16a"  # reports no model
@@ -186,15 +200,6 @@ def test_all_ids_that_differ_are_named(
         servos_on(bus, a_map(first_id=file_id)).connect()
 
 
-def test_ids_are_compared_with_those_of_the_joints() -> None:
-    ids = _from_21()
-    assert (joint_of(ids, 22), joint_of(ids, 1)) == (JOINT_NAMES[1], None)
-    assert id_differences(ids, range(21, 39)) == []
-    missing, others = id_differences(ids, [*range(22, 39), 1, 40])
-    assert "leg 1 coxa (id 21)" in missing
-    assert "id 1, 40" in others
-
-
 # Options of a bus.
 
 
@@ -213,12 +218,6 @@ def test_a_bus_is_where_the_options_say_else_the_robot_file(robot: str) -> None:
     assert servo_map is not None
     assert servo_map.ids.tolist() == list(range(1, 19))
     assert BusOptions(driver="feetech", connect="x").servo_map() is None
-
-
-def test_a_scan_asks_at_one_baud_rate_or_at_all_that_are_usual(robot: str) -> None:
-    for bauds, asked in ((None, (57_600,)), (115_200, (115_200,)), ("all", (115_200,))):
-        options = ScanOptions(robot=robot, bauds=bauds)
-        assert options.bauds_at(options.address()) == asked
 
 
 def test_only_servos_that_report_no_model_are_given_one(robot: str) -> None:
@@ -245,3 +244,131 @@ def test_a_bus_that_cannot_be_is_refused(options: dict[str, Any], named: str, ro
     given = options if "robot" not in options or options["robot"] else {**options, "robot": robot}
     with pytest.raises(InputError, match=f"^{named}: "):
         BusOptions(**given).address()
+
+
+# Bytes that are no answers.
+
+IDS = range(10)
+
+#: All servos of the simulated bus but the first two.
+OTHERS_MUTE = [f"mute:{leg}:{kind}" for leg in range(1, 7) for kind in ("coxa", "femur", "tibia")][2:]
+
+Plug = Callable[[MemoryLine], MemoryLine]
+
+
+@pytest.fixture
+def plug(monkeypatch: pytest.MonkeyPatch) -> Plug:
+    """Makes a line the one that the tools open."""
+
+    def plugged(line: MemoryLine) -> MemoryLine:
+        monkeypatch.setattr(tools, "SerialLine", lambda *_: line)
+        return line
+
+    return plugged
+
+
+def scanned(driver: str) -> tuple[list[int], list[Damage]]:
+    damages: list[Damage] = []
+    found = scan_bus("memory", driver, 1_000_000, ids=IDS, on_damage=damages.append)
+    return [each.servo_id for each in found], damages
+
+
+@every_family
+@pytest.mark.parametrize("others", [True, False])
+def test_two_servos_with_one_id_are_named_by_a_scan(
+    plug: Plug, driver: str, model: str, others: bool
+) -> None:
+    line = plug(BoardLine(a_map(driver, model), "same-id:1:femur", *([] if others else OTHERS_MUTE)))
+    _, damages = scanned(driver)
+    assert [each.garbled or each.doubled for each in damages] == [(1,)]
+    assert all(words in damages[0].description("memory") for words in ("several servos", "id 1", "same id"))
+    with pytest.raises(RobotFaultError, match="several servos"):
+        the_servo(line, driver, 1)
+
+
+@every_family
+def test_no_id_is_given_to_two_servos(
+    plug: Plug, driver: str, model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tools, "IDS", tuple(IDS))
+    line = plug(BoardLine(a_map(driver, model), "same-id:1:femur", *OTHERS_MUTE))
+    assert isinstance(line, BoardLine)
+    with pytest.raises(InputError, match=r"got several|several servos"):
+        set_servo_id("memory", driver, 1_000_000, 7)
+    assert [servo.servo_id for servo in line.board._servos][:2] == [1, 1]
+
+
+@every_family
+def test_two_servos_that_lost_their_ids_are_unexpected(driver: str, model: str) -> None:
+    bus_map = a_map(driver, model, first_id=2)
+    line = BoardLine(bus_map, "lost-id:2:coxa", "lost-id:5:femur")
+    found = bus_of(bus_map, line, BusCounters()).find()
+    with pytest.raises(RobotFaultError, match="id 1 are damaged"):
+        check_no_unexpected_ids(line, bus_map, found)
+
+
+@every_family
+def test_noise_is_named(plug: Plug, driver: str, model: str) -> None:
+    plug(BoardLine(a_map(driver, model), "noise:1"))
+    _, damages = scanned(driver)
+    assert all(each.noisy for each in damages)
+    assert "unsolicited bytes" in damages[0].description("memory")
+
+
+class RandomLine(MemoryLine):
+    """A line that answers each packet with bytes that mean nothing, as at a wrong baud rate."""
+
+    def __init__(self) -> None:
+        super().__init__(FakeTime())
+        self._random = random.Random(4)
+
+    def _put(self, data: bytes, deadline_s: float) -> None:
+        self.coming.append((self.time.now(), self._random.randbytes(9)))
+
+
+class TwiceLine(MemoryLine):
+    """Two servos with the id 1, of which one answers after the other: their return delays differ."""
+
+    def __init__(self, driver: str, protocol: int) -> None:
+        super().__init__(FakeTime())
+        self._packets = packets_of(driver, protocol)
+
+    def _put(self, data: bytes, deadline_s: float) -> None:
+        packet, _ = self._packets.take(data)
+        if packet is None or packet[0] != 1:
+            return
+        names_question = self._packets.names_question
+        size = self._packets.answer_size(packet[1], packet[2]) or 0
+        answer = self._packets.status(1, packet[1] if names_question else 0, bytes(size))
+        for delay_s in (0.001, 0.0016):
+            self.coming.append((self.time.now() + delay_s, answer))
+
+
+@pytest.mark.parametrize("driver", ["dynamixel", "feetech", "lx16a"])
+def test_answers_that_mean_nothing_are_named(plug: Plug, driver: str) -> None:
+    plug(RandomLine())
+    found, damages = scanned(driver)
+    assert found == []
+    assert "at many ids: a wrong baud rate" in damages[0].description("memory")
+    assert "cannot be understood" in damages[0].description("memory")
+
+
+@pytest.mark.parametrize(("driver", "protocol"), [("dynamixel", 2), ("feetech", 1), ("lx16a", 1)])
+def test_two_answers_to_one_question_are_two_servos(plug: Plug, driver: str, protocol: int) -> None:
+    plug(TwiceLine(driver, protocol))
+    _, damages = scanned(driver)
+    assert [each.doubled or each.garbled for each in damages] == [(1,)]
+    assert "the same id" in damages[0].description("memory")
+
+
+@every_family
+@pytest.mark.parametrize(
+    "fault", [(), ("bad-cable:1:coxa:0.2",), ("garble:0.1",), ("echo",), ("mute:1:tibia",)]
+)
+def test_nothing_is_said_of_servos_that_mostly_answer(
+    plug: Plug, driver: str, model: str, fault: tuple[str, ...]
+) -> None:
+    plug(BoardLine(a_map(driver, model), *fault))
+    found, damages = scanned(driver)
+    assert damages == []
+    assert found == [each for each in range(1, 10) if "mute" not in str(fault) or each != 3]

@@ -26,9 +26,7 @@ from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.servo_map import ServoMap
 from hexctl.simulators import board_messages
 from hexctl.simulators.servo_board import ServoBoard
-from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.types import FloatArray
-from hexctl.waiting import wait_for
 from tests.backends.fake_time import FakeTime
 from tests.robots import edited_file, put, shipped
 from tests.server.processes import Program, program
@@ -251,8 +249,3 @@ class ScriptedBoard:
                 self.say(board_messages.outputs(self.pulses_us, mask, 0.0))
                 for message in list(self.extra):
                     self.say(message)
-
-
-def eventually(condition: Any, time: TimeSource = WALL_TIME) -> None:
-    """Wait until something is so."""
-    wait_for(condition, PATIENCE_S, "the condition never became true", poll_s=0.005, time=time)

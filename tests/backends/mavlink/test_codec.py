@@ -1,7 +1,8 @@
-"""Frames as bytes: exact to the byte, found among garbage, signed; nothing that comes breaks the codec."""
+"""Frames as bytes, exact to the byte and signed, ports, sequence numbers, and frames of reference."""
 
 import random
 import re
+import socket
 import struct
 from pathlib import Path
 
@@ -14,7 +15,19 @@ from pymavlink.dialects.v20 import common
 from hexctl.backends.mavlink import codec as codec_module
 from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec, Frame
-from hexctl.errors import InputError
+from hexctl.backends.mavlink.mavlink_messages import euler_of_quaternion, flipped_quaternion
+from hexctl.backends.mavlink.mavlink_transport import (
+    FORGET_AFTER_S,
+    MOST_ADDRESSES,
+    MavlinkLink,
+    SequenceCount,
+    open_port,
+    parse_port,
+)
+from hexctl.errors import InputError, RobotFaultError
+from hexctl.robot.rotations import quaternion_of_euler
+from tests.backends.fake_time import FakeTime
+from tests.backends.mavlink.boards import MemoryPort
 
 FIRMWARE = Path(__file__).resolve().parents[3] / "docs" / "reference" / "mavlink.md"
 KEY = bytes(range(32))
@@ -34,15 +47,17 @@ def crc_mcrf4xx(data: bytes) -> int:
     return crc
 
 
-def hand_made_override(sequence: int) -> bytes:
-    """The frame of the example in docs/reference/mavlink.md, put together without pymavlink."""
-    first, last = list(range(1500, 1508)), list(range(1508, 1518))
-    payload = struct.pack("<8HBB10H", *first, 1, 1, *last)
-    header = struct.pack("<BBBBBB", len(payload), 0, 0, sequence, 255, 191) + OVERRIDE_ID.to_bytes(
-        3, "little"
-    )
-    checksum = crc_mcrf4xx(header + payload + bytes([OVERRIDE_CRC_EXTRA]))
+def hand_made(kind: int, crc_extra: int, payload: bytes, *sent_by: int) -> bytes:
+    """A frame put together without pymavlink; it is sent with a sequence number by a system's component."""
+    header = struct.pack("<BBBBBB", len(payload), 0, 0, *sent_by) + kind.to_bytes(3, "little")
+    checksum = crc_mcrf4xx(header + payload + bytes([crc_extra]))
     return b"\xfd" + header + payload + struct.pack("<H", checksum)
+
+
+def hand_made_override(sequence: int) -> bytes:
+    """The frame of the example in docs/reference/mavlink.md."""
+    payload = struct.pack("<8HBB10H", *range(1500, 1508), 1, 1, *range(1508, 1518))
+    return hand_made(OVERRIDE_ID, OVERRIDE_CRC_EXTRA, payload, sequence, 255, 191)
 
 
 def override_frame(sequence: int = 7, key: bytes | None = None) -> bytes:
@@ -100,11 +115,8 @@ def valid_frame(draw: random.Random, kind: int) -> bytes:
     """A frame of a kind with a right checksum and a payload of random length and content; no override."""
     kind = 0 if kind == OVERRIDE_ID else kind
     payload = draw.randbytes(draw.randrange(1, 256))
-    header = struct.pack("<BBBBBB", len(payload), 0, 0, draw.randrange(256), 9, 9) + kind.to_bytes(
-        3, "little"
-    )
-    checksum = crc_mcrf4xx(header + payload + bytes([common.mavlink_map[kind].crc_extra]))
-    return b"\xfd" + header + payload + struct.pack("<H", checksum)
+    crc_extra = common.mavlink_map[kind].crc_extra
+    return hand_made(kind, crc_extra, payload, draw.randrange(256), 9, 9)
 
 
 def test_mavlink_1_is_not_understood() -> None:
@@ -144,6 +156,101 @@ class TestSigning:
         monkeypatch.setattr(codec_module, "_stamp_now", lambda: later)
         assert Codec(1, 1, signing_key=KEY).decode(recorded, whole=True) == []
 
-    def test_a_key_of_another_length_is_refused(self) -> None:
-        with pytest.raises(InputError, match="got 5 bytes; allowed: 32"):
-            Codec(1, 1, signing_key=b"short")
+
+# Ports and links.
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "place", "number", "local"),
+    [
+        ("udpout:127.0.0.1:14550", "udpout", "127.0.0.1", 14550, True),
+        ("udpin:192.168.1.2:14550", "udpin", "192.168.1.2", 14550, False),
+        ("udpin:localhost:1", "udpin", "localhost", 1, True),
+        ("udpout:robot.local:65535", "udpout", "robot.local", 65535, False),
+        ("udpout:[::1]:14550", "udpout", "::1", 14550, True),
+        ("/dev/ttyACM0", "serial", "/dev/ttyACM0", 115200, True),
+        ("/dev/ttyACM0:57600", "serial", "/dev/ttyACM0", 57600, True),
+        ("serial:/dev/pts/3", "serial", "/dev/pts/3", 115200, True),
+        ("/dev/by-path/pci-0:2:1.0-port0", "serial", "/dev/by-path/pci-0:2:1.0-port0", 115200, True),
+        ("/dev/serial/by-path/pci-0:2:1.0:9600", "serial", "/dev/serial/by-path/pci-0:2:1.0", 9600, True),
+    ],
+)
+def test_ports(text: str, kind: str, place: str, number: int, local: bool) -> None:
+    address = parse_port(text)
+    assert (address.kind, address.place, address.number, address.local) == (kind, place, number, local)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "udp", "udpin:14550", "udpin:host:0", "udpin:host:65536", "tcp:1.2.3.4:5", "ttyACM0", "COM3"),
+        *("/dev/ttyACM0:fast", "/dev/ttyACM0:1199", "/dev/tty\nX", "udpout:a b:1", "udpout:127.0.0.1:14550x"),
+    ],
+)
+def test_a_text_that_is_no_port_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="connect: "):
+        parse_port(text)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "lost", "out_of_order", "dropped"),
+    [
+        ([3, 4, 8, 9], 3, 0, []),
+        ([1, 2, 4, 3, 5], 0, 1, [3]),  # late: not used, and not lost
+        ([1, 2, 2, 3], 0, 1, [2]),  # twice: used once
+    ],
+)
+def test_frames_that_are_lost_late_or_repeated_are_counted(
+    numbers: list[int], lost: int, out_of_order: int, dropped: list[int]
+) -> None:
+    count = SequenceCount()
+    accepted = [count.in_order(number, 0.001 * index) for index, number in enumerate(numbers)]
+    assert (count.lost, count.out_of_order) == (lost, out_of_order)
+    assert [place for place, taken in enumerate(accepted) if not taken] == dropped
+
+
+def test_a_sender_that_restarts_after_a_silence_is_received_immediately() -> None:
+    count = SequenceCount()
+    count.in_order(200, 0.0)
+    assert count.in_order(0, 1 + FORGET_AFTER_S)
+    assert count.lost == 0
+
+
+def test_a_flood_of_addresses_does_not_renumber_an_active_peer() -> None:
+    port = MemoryPort(FakeTime())
+    controller, first = port.peer("controller"), port.peer("0")
+    link, heartbeat = MavlinkLink(port, Codec(1, 1)), mavlink_messages.controller_heartbeat()
+    for flooder in range(3 * MOST_ADDRESSES):
+        link.send(heartbeat, "controller")
+        link.send(heartbeat, str(flooder))
+    numbers = [frame[4] for frame, _ in controller.receive(0.0)]
+    assert numbers == [number % 256 for number in range(3 * MOST_ADDRESSES)]
+    link.send(heartbeat, "0")
+    assert [frame[4] for frame, _ in first.receive(0.0)] == [0, 0], "forgotten long ago"
+
+
+def test_ports_that_cannot_be_opened_are_faults() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as used:
+        used.bind(("127.0.0.1", 0))
+        for text in (f"udpin:127.0.0.1:{used.getsockname()[1]}", "/dev/no-such-port"):
+            with pytest.raises(RobotFaultError, match=text):
+                open_port(parse_port(text), text=text)
+
+
+#: Axes of NED or FRD written in ours: x stays, y and z turn over.
+AXES = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
+
+angles = st.floats(-3.1, 3.1)
+pitches = st.floats(-1.5, 1.5)
+
+
+@given(roll=angles, pitch=pitches, yaw=angles)
+def test_an_orientation_is_the_same_rotation_in_other_axes(roll: float, pitch: float, yaw: float) -> None:
+    from scipy.spatial.transform import Rotation
+
+    ned = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_matrix()
+    quaternion = flipped_quaternion(quaternion_of_euler(roll, pitch, yaw))
+    ours = Rotation.from_quat(np.roll(quaternion, -1)).as_matrix()
+    np.testing.assert_allclose(ours, AXES @ ned @ AXES.T, atol=1e-9)
+    back = euler_of_quaternion(quaternion_of_euler(roll, pitch, yaw))
+    np.testing.assert_allclose(back, (roll, pitch, yaw), atol=1e-6)

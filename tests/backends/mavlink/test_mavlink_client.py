@@ -18,7 +18,7 @@ from hexctl.backends.mavlink.mavlink_client import MavlinkServos
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.cli.main import exit_code
 from hexctl.control.guard import Guard
-from hexctl.errors import HexctlError, InputError, RobotFaultError
+from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.rotations import quaternion_of_euler
 from hexctl.simulators import board_messages
@@ -29,13 +29,13 @@ from tests.backends.mavlink.boards import (
     MemoryPort,
     ScriptedBoard,
     board,
-    eventually,
     fitting_file,
     fitting_map,
     memory_board,
     servos_on,
 )
 from tests.backends.mavlink.test_codec import override_frame, valid_frame
+from tests.backends.standing import command, next_state, stand, until
 from tests.robots import shipped
 
 nan, inf = math.nan, math.inf
@@ -60,11 +60,6 @@ def servos_at(
     servo_map = load_robot_file(fitting_file(folder, servos)).servo_map
     board.pulses_us = servo_map.to_us(shipped().stance_angles_rad)
     return servos_on(board.port, servo_map, key=key)
-
-
-def next_state(servos: LegServos) -> RobotState:
-    servos.clock.tick()
-    return servos.read()
 
 
 def state_after(servos: MavlinkServos, board: ScriptedBoard, *said: Any) -> RobotState:
@@ -115,7 +110,7 @@ def test_a_servo_that_is_not_driven_and_not_measured_counts_as_told_last(tmp_pat
             board.pulses_us = np.zeros(18)
             stance = shipped().stance_angles_rad
             np.testing.assert_allclose(next_state(servos).joint_positions_rad, stance)
-            servos.write(JointTargets(stance + 0.1, servos.clock.now_s))
+            command(servos, 0.1)
             np.testing.assert_allclose(next_state(servos).joint_positions_rad, stance + 0.1)
 
 
@@ -187,7 +182,7 @@ def test_a_low_battery_is_reported_with_its_threshold(tmp_path: Path) -> None:
         low = state_after(servos, board, battery(9600))
         assert (low.healthy, low.low_battery_v) == (True, 10.0)
         assert low.battery_v == pytest.approx(11.1), "a single message may be wrong"
-        eventually(lambda: next_state(servos).battery_v == pytest.approx(9.6), board.port.time)
+        until(servos, lambda state: state.battery_v == pytest.approx(9.6), write=False)
 
 
 def test_the_battery_of_sys_status_counts_where_there_is_no_other(tmp_path: Path) -> None:
@@ -206,10 +201,9 @@ def test_an_error_text_and_an_emergency_are_faults(tmp_path: Path) -> None:
         state = state_after(servos, board, board_messages.text(2, "servo 3\x07 overload"))
         assert (state.healthy, state.fault) == (False, "the board reports: servo 3 overload")
         board.extra = []
-        eventually(lambda: next_state(servos).healthy, board.port.time)
+        until(servos, lambda state: state.healthy, write=False)
         board.state = mavlink_messages.EMERGENCY
-        eventually(lambda: not next_state(servos).healthy, board.port.time)
-        assert "MAV_STATE 6" in str(servos.read().fault)
+        assert "MAV_STATE 6" in str(until(servos, lambda state: not state.healthy, write=False).fault)
 
 
 def test_pulse_limits_clip_last_and_are_counted(tmp_path: Path) -> None:
@@ -221,7 +215,7 @@ def test_pulse_limits_clip_last_and_are_counted(tmp_path: Path) -> None:
         assert sent.joint_positions_rad[0] == pytest.approx(math.radians(9))
         np.testing.assert_allclose(sent.joint_positions_rad[1:], wanted[1:])
         assert servos.counters.clipped == 1
-        eventually(board.overrides, board.port.time)
+        until(servos, lambda _: board.overrides(), write=False)
         assert board.overrides()[-1][0] == 1600
 
 
@@ -243,7 +237,7 @@ def test_a_board_on_another_address_is_not_ours(tmp_path: Path) -> None:
         intruder = ScriptedBoard(port=MemoryPort(board.port.time, "intruder"))
         intruder.port.others["controller"] = board.port.others["controller"]
         with intruder:
-            eventually(lambda: servos.counters.foreign > 5, board.port.time)
+            until(servos, lambda _: servos.counters.foreign > 5, write=False)
             assert servos._peer.address == "ours"
             state = next_state(servos)
         np.testing.assert_allclose(state.joint_positions_rad, shipped().stance_angles_rad, atol=1e-6)
@@ -275,32 +269,12 @@ def test_a_board_that_cannot_be_is_refused_at_connect(
 # Faults of a link to the simulated board.
 
 
-def stand(guard: Guard, ticks: int) -> None:
-    """Command the stance for some ticks."""
-    for _ in range(ticks):
-        next_state(guard)
-        guard.write(JointTargets(guard.robot.stance_angles_rad, guard.clock.now_s))
-
-
-def stand_until_stopped(guard: Guard) -> str:
-    """Command the stance until the guard does not let it through, and return why."""
-    for _ in range(500):
-        try:
-            stand(guard, 1)
-        except HexctlError:
-            if guard.stopped is not None:
-                return guard.stopped
-            raise
-    raise AssertionError("the guard did not stop the robot")
-
-
 def test_after_a_pause_the_first_command_counts(tmp_path: Path) -> None:
     """The board holds the pose then, and must not take what is new for what comes late."""
     with memory_board(fitting_map(tmp_path)) as running:
         with servos_on(running.port, running.servo_map) as servos:
             for _ in range(2):
-                servos.clock.tick()
-                servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
+                stand(servos, 1)
                 running.time.sleep(0.6)
         report = running.end()
     assert (report["overrides"], report["not_yet"]) == (2, 0)
@@ -319,7 +293,7 @@ def test_a_second_controller_is_refused_and_told(tmp_path: Path) -> None:
                 next_state(second)
                 if second.stopped is not None:
                     break
-                second.write(JointTargets(second.robot.stance_angles_rad + 0.3, second.clock.now_s))
+                command(second, 0.3)
             assert second.stopped == "fault: the board reports: another controller holds the servos"
             stand(first, 10)
             reached = first.read().joint_positions_rad
@@ -380,10 +354,11 @@ def test_a_simulated_robot_measures_and_stops_its_controller_when_it_goes(pty: b
             assert state.base_position_world is not None
             assert state.base_position_world[2] == pytest.approx(guard.robot.standing_height_m, abs=0.01)
             running.process.send_signal(signal.SIGSTOP)
-            assert stand_until_stopped(guard) == "state"
+            until(guard, lambda _: guard.stopped is not None, write=False)
+            assert guard.stopped == "state"
             assert guard.read().age_s > 1.0
             running.process.send_signal(signal.SIGCONT)
-            eventually(lambda: next_state(guard).age_s < 0.1)
+            until(guard, lambda state: state.age_s < 0.1, write=False)
             guard.clear()
             stand(guard, 5)
             assert guard.stopped is None

@@ -1,34 +1,33 @@
-"""Hobby servos on two PCA9685 boards: registers, powering, losses of power, and a bus that lies."""
+"""Hobby servos on two PCA9685 boards: registers, powering, losses of power, a bus that lies, and sockets."""
 
 import errno
 import random
+import socket
 import sys
+import threading
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from smbus2 import i2c_msg
 
 from hexctl.backends.base import LegServos
-from hexctl.backends.pwm.i2c_socket import I2cMessage
-from hexctl.backends.pwm.pca9685 import (
-    I2cBus,
-    Pca9685,
-    Pca9685Servos,
-    open_i2c,
-    prescale_of,
-)
+from hexctl.backends.pwm.i2c_socket import I2cMessage, I2cSocket, decode_transaction, encode_transaction
+from hexctl.backends.pwm.pca9685 import I2cBus, Pca9685, Pca9685Servos, open_i2c, prescale_of
 from hexctl.errors import MissingExtraError, RobotFaultError
 from hexctl.robot.servos.pwm_map import PwmMap
 from hexctl.simulators.pca9685_board import SimulatedI2c, SimulatedPca9685
 from hexctl.testing.servo_conformance import LegServosConformance
-from hexctl.types import N_JOINTS, FloatArray, JointTargets
-from hexctl.waiting import wait_for
+from hexctl.types import N_JOINTS
 from hexctl.wire.zenoh_messages import MAX_TEXT_BYTES
 from tests.backends.fake_time import FakeTime
-from tests.backends.pwm.boards import a_map
-from tests.backends.pwm.i2c import ChipBus, FlatBus
-from tests.backends.standing import until
+from tests.backends.pwm.boards import a_map, pca9685_board
+from tests.backends.pwm.i2c import ChipBus, FlatBus, byte_of
+from tests.backends.standing import command, next_state, stand, until
 from tests.robots import shipped
 
 #: A count at 50 Hz.
@@ -51,14 +50,9 @@ def _power(servos: LegServos, bus: ChipBus, offset_rad: float = 0.0) -> None:
     until(servos, lambda _: (bus.pulses_us()[:18] > 0).all(), offset_rad=offset_rad)
 
 
-def _limp(bus: ChipBus, servos: LegServos, addresses: tuple[int, ...] = (0x40, 0x41)) -> None:
+def _limp(servos: LegServos, *chips: SimulatedPca9685) -> None:
     """Wait until no servo of some boards has pulses."""
-    wait_for(
-        lambda: not any(bus.chips[address].pulses_us().any() for address in addresses),
-        5.0,
-        "limp servos never came",
-        time=servos.clock.time,
-    )
+    until(servos, lambda _: not any(chip.pulses_us().any() for chip in chips), write=False)
 
 
 class TestChips(LegServosConformance):
@@ -113,15 +107,14 @@ def test_the_prescaler_is_set_in_sleep_and_nothing_comes_out_before_the_first_ta
             assert bus.chips[address].registers[0xFE] == 121, "which chips take in sleep alone"
             assert not bus.chips[address].registers[0x00] & 0x10
         for _ in range(20):
-            servos.clock.tick()
-            servos.read()
+            next_state(servos)
         assert not bus.pulses_us().any()
         assert not servos.holds
         _power(servos, bus)
         assert servos.holds
         assert not bus.pulses_us()[18:].any()
         servos.disable_torque()
-        _limp(bus, servos)
+        _limp(servos, *bus.chips.values())
         assert bus.chips[0x40].registers[0x09] == 0x10, "off by the bit that is made for it"
         _power(servos, bus)
     assert (bus.pulses_us()[:18] > 0).all(), "after closing the robot holds its pose"
@@ -135,8 +128,8 @@ def test_a_pose_is_one_message_for_each_board() -> None:
         servos.clock.time.sleep(0.1)
         bus.log.clear()
         before = servos.counters.writes
-        servos.write(JointTargets(servos.robot.stance_angles_rad + 0.01, servos.clock.now_s))
-        wait_for(lambda: servos.counters.writes > before, 5.0, "the write never came", time=servos.clock.time)
+        command(servos, 0.01)
+        until(servos, lambda _: servos.counters.writes > before, write=False)
         servos.clock.time.sleep(0.1)
         sent = bus.writes()
     written = [(address, data[0], len(data)) for address, data in sent]
@@ -179,8 +172,7 @@ def test_the_pose_of_an_earlier_program_is_kept_whatever_its_frequency(prescale:
         expected = a_map("pca9685").angles_rad(before[:18])
         np.testing.assert_allclose(servos.read().joint_positions_rad, expected, atol=0.005)
         for _ in range(25):
-            servos.clock.tick()
-            servos.write(JointTargets(servos.read().joint_positions_rad, servos.clock.now_s))
+            stand(servos, 1, 0.1)
             assert (bus.pulses_us()[:18] > 0).all(), "no leg is let go of"
 
 
@@ -210,8 +202,7 @@ def test_a_bus_that_comes_back_leaves_the_robot_standing() -> None:
         bus.fails = lambda _: False
         until(servos, lambda state: state.healthy)
         for _ in range(25):
-            servos.clock.tick()
-            servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
+            stand(servos, 1)
             assert (bus.pulses_us()[:18] > 0).all()
 
 
@@ -221,9 +212,9 @@ def test_a_torque_off_that_one_board_does_not_hear_reaches_the_other_and_is_trie
         _power(servos, bus)
         bus.fails = lambda address: address == 0x40
         servos.disable_torque()
-        _limp(bus, servos, (0x41,))
+        _limp(servos, bus.chips[0x41])
         bus.fails = lambda _: False
-        _limp(bus, servos)
+        _limp(servos, bus.chips[0x40])
 
 
 def test_transfers_that_fail_now_and_then_and_readings_that_are_wrong_once_stop_nothing() -> None:
@@ -232,10 +223,8 @@ def test_transfers_that_fail_now_and_then_and_readings_that_are_wrong_once_stop_
     with _servos(bus) as servos:
         bus.fails = lambda _: dice.random() < 0.2
         for _ in range(150):
-            servos.clock.tick()
-            state = servos.read()
+            state = stand(servos, 1)
             assert state.healthy, state.fault
-            servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
         assert (bus.pulses_us()[:18] > 0).all()
 
 
@@ -267,8 +256,7 @@ def test_thousands_of_hostile_readings_neither_crash_nor_move_anything() -> None
         servos = _servos(bus)
         try:
             with servos:
-                servos.clock.tick()
-                servos.read()
+                next_state(servos)
         except RobotFaultError as error:
             faults.add(str(error))
     assert faults
@@ -285,9 +273,8 @@ def test_a_chip_that_is_no_pca9685_and_a_bus_without_boards_are_faults_in_one_li
         _servos(Deaf()).connect()
     with pytest.raises(RobotFaultError, match="board at 0x40"):
         _servos(ChipBus({})).connect()
-    one = ChipBus({0x40: SimulatedPca9685()})
     with pytest.raises(RobotFaultError, match="board at 0x41"):
-        _servos(one).connect()
+        _servos(ChipBus({0x40: SimulatedPca9685()})).connect()
 
 
 def test_a_bus_that_cannot_be_opened_is_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -326,5 +313,77 @@ def test_chips_do_what_the_data_sheet_says() -> None:
     with pytest.raises(OSError, match="Remote I/O error") as refused:
         bus.transfer([I2cMessage(0x42, 1)])
     assert refused.value.errno == errno.EREMOTEIO
-    pulses: FloatArray = chip.pulses_us()
-    assert pulses.shape == (16,)
+
+
+# Boards in another process, behind a socket.
+
+MESSAGES = st.lists(
+    st.one_of(
+        st.builds(I2cMessage, st.integers(0, 0x7F), st.integers(1, 300)),
+        st.builds(I2cMessage, st.integers(0, 0x7F), st.just(0), st.binary(max_size=80)),
+    ),
+    max_size=5,
+)
+
+
+@given(MESSAGES)
+def test_a_transaction_comes_back(messages: list[I2cMessage]) -> None:
+    assert decode_transaction(encode_transaction(messages)) == messages
+
+
+def test_registers_are_written_and_read() -> None:
+    with pca9685_board() as board:
+        bus = I2cSocket(board.path)
+        assert byte_of(bus, 0x40, 0xFE) == 0x1E
+        bus.i2c_rdwr(i2c_msg.write(0x41, [0xFE, 121]))
+        assert byte_of(bus, 0x41, 0xFE) == 121
+        assert byte_of(bus, 0x40, 0xFE) == 0x1E
+        bus.i2c_rdwr(i2c_msg.write(0x40, [0x00, 0x30]))
+        answer = i2c_msg.read(0x40, 5)
+        bus.i2c_rdwr(i2c_msg.write(0x40, [0x02]), answer)
+        assert bytes(answer) == bytes([0xE2, 0xE4, 0xE8, 0xE0, 0x00])
+        with pytest.raises(OSError, match="Remote I/O error"):
+            byte_of(bus, 0x42, 0)
+        assert byte_of(bus, 0x40, 0) == 0x30, "the next transfer is as good as any"
+        bus.close()
+        with pytest.raises(OSError, match=r"."):
+            byte_of(bus, 0x40, 0)
+
+
+def test_boards_outlive_clients_that_leave_or_talk_nonsense() -> None:
+    with pca9685_board() as board:
+        whole = encode_transaction([I2cMessage(0x40, data=bytes([0x00, 0x30]))])
+        for data in (whole[:4], random.Random(1).randbytes(50), b"\xff" * 300, whole):
+            client = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+            client.connect(board.path)
+            client.send(data)
+            client.close()
+        bus = I2cSocket(board.path)
+        assert byte_of(bus, 0x40, 0x00) == 0x30
+        bus.close()
+
+
+def test_an_answer_that_does_not_come_ends_the_connection(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hexctl.backends.pwm.i2c_socket.TIMEOUT_S", 0.05)
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    listener.bind(str(tmp_path / "i2c"))
+    listener.listen()
+    over = threading.Event()
+
+    def serve() -> None:
+        client = listener.accept()[0]
+        over.wait(5)
+        client.close()
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    bus = I2cSocket(str(tmp_path / "i2c"))
+    with pytest.raises(TimeoutError):
+        byte_of(bus, 0x40, 0)
+    with pytest.raises(OSError, match=r"."):
+        bus.i2c_rdwr(i2c_msg.write(0x40, [0, 0]))
+    over.set()
+    thread.join()
+    listener.close()

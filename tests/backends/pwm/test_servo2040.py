@@ -27,28 +27,21 @@ from hexctl.backends.pwm.servo2040 import (
 from hexctl.control.guard import Guard
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.ik.legs import foot_positions_body
-from hexctl.testing.servo_conformance import LegServosConformance
+from hexctl.testing.servo_conformance import LegServosConformance, move
 from hexctl.time_source import WALL_TIME
-from hexctl.types import JointTargets
 from tests.backends.pwm.boards import a_map, memory_servo2040, servos_on
-from tests.backends.standing import until
+from tests.backends.standing import command, stand, until
 from tests.robots import shipped
-
-#: Frames of the protocol's description, and what they say.
-DUMPS = [
-    (set_frame(4, [1500]), "D3 04 01 5C 0B"),
-    (set_frame(7, [1007, 1012]), "D3 07 02 6F 07 74 07"),
-    (set_frame(26, [1]), "D3 1A 01 01 00"),
-    (get_frame(24, 2), "C7 18 02"),
-]
 
 #: 1.5 A and 8.3 V in the fork's example.
 FORK_REPLY = bytes.fromhex("C7 18 02 16 01 3E 06 F2")
 
 
-@pytest.mark.parametrize(("frame", "dump"), DUMPS)
-def test_frames_are_those_of_the_description(frame: bytes, dump: str) -> None:
-    assert frame == bytes.fromhex(dump)
+def test_frames_are_those_of_the_description() -> None:
+    assert set_frame(4, [1500]) == bytes.fromhex("D3 04 01 5C 0B")
+    assert set_frame(7, [1007, 1012]) == bytes.fromhex("D3 07 02 6F 07 74 07")
+    assert set_frame(26, [1]) == bytes.fromhex("D3 1A 01 01 00")
+    assert get_frame(24, 2) == bytes.fromhex("C7 18 02")
 
 
 def test_the_forks_example_is_read() -> None:
@@ -139,8 +132,7 @@ def test_nothing_is_powered_before_the_first_targets(firmware: str) -> None:
         assert board.relay, "after closing the robot holds its pose"
         with servos_on(running) as servos:
             for _ in range(30):
-                servos.clock.tick()
-                servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
+                stand(servos, 1)
                 assert board.enabled.all(), "the next program lets go of nothing"
             servos.disable_torque()
         assert not board.relay, "torque that is switched off before closing is off"
@@ -152,8 +144,7 @@ def test_legs_are_powered_one_after_the_other_at_the_pose_that_came_first(firmwa
         board, stance = running.board, servos.robot.stance_angles_rad
         seen: list[int] = []
         for ticks in range(200):
-            servos.clock.tick()
-            servos.write(JointTargets(stance + min(0.2, 0.01 * ticks), servos.clock.now_s))
+            stand(servos, 1, min(0.2, 0.01 * ticks))
             powered = np.flatnonzero(board.enabled & board.relay)
             if 0 < len(powered) < 18:  # the outputs of ant are in the order of its joints
                 assert powered.tolist() == list(range(len(powered)))
@@ -167,7 +158,7 @@ def test_legs_are_powered_one_after_the_other_at_the_pose_that_came_first(firmwa
 def test_a_single_pose_is_reached_and_is_where_the_next_program_begins() -> None:
     with memory_servo2040() as running:
         with servos_on(running) as servos:
-            servos.write(JointTargets(servos.robot.stance_angles_rad + 0.1, 0.0))
+            command(servos, 0.1)
             running.time.sleep(5.0)
             expected = a_map().raw(servos.robot.stance_angles_rad + 0.1)
             np.testing.assert_allclose(running.board.pulses_us, expected, atol=0.6)
@@ -191,9 +182,7 @@ def test_contacts_voltage_and_current_of_the_simulated_robot_are_read(firmware: 
         assert state.battery_v == pytest.approx(7.4, abs=0.01)
         lifted = stance.copy()
         lifted[1] += np.radians(30) * np.sign(_up(servos))
-        for _ in range(100):
-            servos.clock.tick()
-            servos.write(JointTargets(lifted, servos.clock.now_s))
+        move(servos, lifted, ticks=100)
         contacts, current = servos.read().foot_contacts, servos.read().current_a
         assert contacts is not None
         assert contacts.tolist() == [False, True, True, True, True, True]
@@ -223,9 +212,7 @@ def test_a_trip_stops_the_robot_until_its_torque_was_off() -> None:
     with memory_servo2040("trip:12.5@1", firmware="fork") as running, servos_on(running) as servos:
         board = running.board
         assert "12.5 A" in str(until(servos, lambda state: not state.healthy).fault)
-        for _ in range(10):
-            servos.clock.tick()
-            servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
+        stand(servos, 10)
         assert not board.relay, "nothing is powered again by itself"
         servos.disable_torque()
         until(servos, lambda state: state.healthy, write=False)
@@ -234,10 +221,7 @@ def test_a_trip_stops_the_robot_until_its_torque_was_off() -> None:
 
 def test_garbled_replies_stop_nothing() -> None:
     with memory_servo2040("garble:0.2@0.5", firmware="fork") as running, Guard(servos_on(running)) as guard:
-        for _ in range(150):
-            guard.clock.tick()
-            guard.read()
-            guard.write(JointTargets(guard.robot.stance_angles_rad, guard.clock.now_s))
+        stand(guard, 150)
         assert guard.stopped is None
         assert guard.link_counts["missed"] > 0
 

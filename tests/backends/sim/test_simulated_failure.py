@@ -23,13 +23,16 @@ JOINTS = leg_slice(LEG)
 OTHERS = np.setdiff1d(np.arange(18), np.arange(18)[JOINTS])
 
 
-def _forces_and_angles(failure: Failure | None, *, ticks: int = 150) -> tuple[FloatArray, FloatArray]:
-    """Shake all joints a lot and return torques and angles at each tick, (ticks, 18) each."""
+def _shaken(
+    failure: Failure | None = None, *events: FailureEvent, swing_rad: float = 0.3, ticks: int = 140
+) -> tuple[FloatArray, FloatArray]:
+    """Move all joints of a walking robot; torques and angles at each tick, (ticks, 18) each."""
     forces, angles = [], []
-    with SimServos(shipped(), failure=failure) as servos:
+    with SimServos(shipped(), failure=failure, events=events) as servos:
+        servos.walk_begins()
         for index in range(ticks):
             servos.clock.tick()
-            wanted = servos.robot.stance_angles_rad + 0.4 * np.sin(0.2 * index)
+            wanted = servos.robot.stance_angles_rad + swing_rad * np.sin(0.2 * index)
             servos.write(JointTargets(wanted, servos.clock.now_s))
             forces.append(servos.compiled.physics.data.actuator_force.copy())
             angles.append(servos.read().joint_positions_rad)
@@ -37,17 +40,17 @@ def _forces_and_angles(failure: Failure | None, *, ticks: int = 150) -> tuple[Fl
 
 
 def test_a_locked_leg_keeps_its_stance_while_the_others_move() -> None:
-    _, angles = _forces_and_angles(Failure(leg=LEG, kind="locked"))
+    _, angles = _shaken(Failure(leg=LEG, kind="locked"), swing_rad=0.4)
     off = np.abs(angles - shipped().stance_angles_rad)
     assert off[:, JOINTS].max() < 0.07
     assert (off[:, OTHERS].max(axis=0) > 0.25).all()
 
 
 def test_a_limp_leg_makes_no_torque_and_goes_where_it_is_pushed() -> None:
-    forces, angles = _forces_and_angles(Failure(leg=LEG, kind="limp"))
+    forces, angles = _shaken(Failure(leg=LEG, kind="limp"), swing_rad=0.4)
     assert (forces[:, JOINTS] == 0).all()
     assert (np.abs(forces[:, OTHERS]).max(axis=0) > 0.1).all()
-    whole, followed = _forces_and_angles(None)
+    whole, followed = _shaken(swing_rad=0.4)
     assert (np.abs(whole[:, JOINTS]).max(axis=0) > 0.1).all()
     swing, whole_swing = np.ptp(angles[:, JOINTS.start]), np.ptp(followed[:, JOINTS.start])
     assert swing < 0.5 * whole_swing, "its coxa does not swing as commanded"
@@ -120,16 +123,7 @@ def test_an_unknown_failure_is_drawn_with_the_seed_and_can_be_simulated() -> Non
 
 
 def _angles(*events: FailureEvent, ticks: int = 140) -> FloatArray:
-    """Joint angles, (ticks, 18), of a robot that moves all joints, and fails on the way."""
-    angles = []
-    with SimServos(shipped(), events=events) as servos:
-        servos.walk_begins()
-        for index in range(ticks):
-            servos.clock.tick()
-            wanted = servos.robot.stance_angles_rad + 0.3 * np.sin(0.2 * index)
-            servos.write(JointTargets(wanted, servos.clock.now_s))
-            angles.append(servos.read().joint_positions_rad)
-    return np.array(angles)
+    return _shaken(None, *events, ticks=ticks)[1]
 
 
 def _event(text: str) -> FailureEvent:

@@ -1,4 +1,4 @@
-"""Masses and joints of a robot file in the compiled model, against MuJoCo told otherwise."""
+"""Masses, joints, friction and torques of a robot in the compiled model, against MuJoCo's own quantities."""
 
 import math
 from dataclasses import replace
@@ -8,13 +8,23 @@ import numpy as np
 import pytest
 
 from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.simulated_batch import SimBatch
+from hexctl.backends.sim.simulated_failure import FIRST_SPEED
 from hexctl.backends.sim.simulation_model import FIRST_JOINT, make_simulation
 from hexctl.backends.sim.world import World
-from hexctl.robot.failure import Failure
+from hexctl.control.guard import Guard
+from hexctl.control.log import TickLog
+from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.identify.bench_run import BenchRun
+from hexctl.identify.parameters import ServoValues
+from hexctl.robot.failure import Failure, FailureEvent
+from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
 from hexctl.testing.servo_conformance import move
-from hexctl.types import FloatArray
+from hexctl.types import FloatArray, JointTargets
 from tests.robots import shipped
+from tests.trials import gait_of
 
 COM_M = (0.012, -0.004, 0.017)
 INERTIA = (0.004, 0.006, 0.007)
@@ -38,25 +48,12 @@ def _trunk(physics: Any, robot: Robot) -> tuple[float, Any, Any]:
     return float(model.body_mass[index]), model.body_ipos[index].copy(), inertia
 
 
-def _oracle(mass_kg: float, com_m: Any, inertia: Any) -> Any:
-    """A free body whose inertia MuJoCo is told outright."""
-    import mujoco
-
-    com, moments = (" ".join(map(str, values)) for values in (com_m, inertia))
-    return mujoco.MjModel.from_xml_string(
-        f"<mujoco><worldbody><body><freejoint/><inertial pos='{com}' mass='{mass_kg}' "
-        f"diaginertia='{moments}'/><geom size='0.01'/></body></worldbody></mujoco>"
-    )
-
-
 def test_the_trunk_has_its_centre_of_mass_and_inertia() -> None:
     robot = _with(body=replace(shipped().body, mass_kg=1.5, com_m=COM_M, inertia_kg_m2=INERTIA))
     mass_kg, com_m, inertia = _trunk(make_simulation(robot, STILL).physics, robot)
-    oracle = _oracle(1.5, COM_M, INERTIA)
-    assert mass_kg == pytest.approx(oracle.body_mass[1])
-    np.testing.assert_allclose(com_m, oracle.body_ipos[1], atol=1e-12)
+    assert mass_kg == pytest.approx(1.5)
+    np.testing.assert_allclose(com_m, COM_M, atol=1e-12)
     np.testing.assert_allclose(inertia, np.diag(INERTIA), atol=1e-12)
-    np.testing.assert_allclose(sorted(oracle.body_inertia[1]), sorted(INERTIA))
 
 
 def test_the_links_have_their_centres_of_mass() -> None:
@@ -215,3 +212,144 @@ def test_a_robot_slides_across_the_grain_and_not_along_it() -> None:
         slipped.append(float(np.linalg.norm((after - before)[:2])))
     assert slipped[0] > 0.3
     assert slipped[1] < 0.05
+
+
+# Torques of the actuators.
+
+JOINTS = slice(FIRST_SPEED, FIRST_SPEED + 18)
+
+
+class Metered(SimServos):
+    """A simulation that is stepped one by one, with MuJoCo's forces and power of each step."""
+
+    def connect(self) -> None:
+        super().connect()
+        self.forces_nm: list[FloatArray] = []
+        self.work_j: list[FloatArray] = []
+
+    def _step(self) -> None:
+        physics, forces, work = self.compiled.physics, [], []
+        back_emf = self.robot.back_emf_nm_s_per_rad
+        for _ in range(self.world.steps_per_tick):
+            physics.step()
+            velocity = np.array(physics.data.qvel[JOINTS])
+            force = np.array(physics.data.qfrc_actuator[JOINTS])
+            forces.append(force)
+            work.append((force - back_emf * velocity) * velocity * self.world.time_step_s)
+        self.forces_nm.append(np.mean(forces, axis=0))
+        self.work_j.append(np.sum(work, axis=0))
+
+
+@pytest.mark.parametrize("name", ["ant", "phantomx"])
+def test_energy_is_the_work_of_mujocos_forces(name: str) -> None:
+    with Metered(shipped(name)) as servos:
+        plan = TrialPlan(gait=gait_of(servos.robot, "tripod"), duration_s=2.0)
+        result = run_trial(Guard(servos), plan, soft_stop=False)
+        # Each period of each joint is counted where it is positive; the walk's first tick begins the count.
+        work_j = np.array(servos.work_j)[-99:]
+    assert result.energy_j == pytest.approx(np.maximum(work_j, 0).sum(), rel=0.04)
+    weight_n = 9.81 * servos.robot.mass_kg
+    assert result.energy_j is not None
+    assert result.distance_m is not None
+    cost = result.energy_j / (weight_n * result.distance_m)
+    assert result.cost_of_transport == pytest.approx(cost)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["limp", "missing"])
+def test_a_leg_without_torque_costs_nothing(kind: str) -> None:
+    failure, log = Failure(leg=5, kind=kind), TickLog()
+    with SimServos(shipped(), failure=failure) as servos:
+        plan = TrialPlan(gait=gait_of(servos.robot), belief=failure, self_rotation="none", duration_s=1.0)
+        run_trial(Guard(servos), plan, recorders=(log,))
+    torques_nm = log["joint_torques_nm"]
+    assert (torques_nm[:, 12:15] == 0).all()
+    assert (torques_nm[:, :12] != 0).any(axis=0).all()
+
+
+def test_the_servo_of_a_stuck_joint_pushes_against_the_jam() -> None:
+    """As stiff as it is and no stronger, whatever the jam itself takes."""
+    with SimServos(shipped(), failure=parse_kind(2, "stuck:femur:30")) as servos:
+        robot = servos.robot
+        for off_rad in (0.02, 1.0):
+            targets_rad = robot.stance_angles_rad.copy()
+            targets_rad[4] = np.radians(30.0) + off_rad
+            move(servos, targets_rad, ticks=20)
+            servos.clock.tick()
+            state = servos.read()
+            assert state.joint_torques_nm is not None
+            pushed_nm = robot.stiffness_nm_per_rad[4] * (targets_rad[4] - state.joint_positions_rad[4])
+            limit_nm = robot.joint_max_torque_nm[4]
+            assert state.joint_torques_nm[4] == pytest.approx(min(pushed_nm, limit_nm))
+            assert (pushed_nm > limit_nm) == (off_rad == 1.0)
+
+
+# Friction that grows with the load.
+
+DRY_NM, STALL_NM, STIFFNESS = 0.02, 2.0, 4.0
+
+
+def rubbing(share: float) -> Robot:
+    robot = shipped("lukas")
+    return replace(robot, servo=replace(robot.servo, load_friction=share))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.6])
+def test_a_motor_that_slowly_raises_and_lowers_a_mass_balances_it_and_its_gears(share: float) -> None:
+    time_s = np.arange(0.0, 20.0, 0.02)
+    goal_rad = 0.9 - np.abs(0.9 - 0.09 * time_s)
+    run = BenchRun("slow", 0.6, 0.12, 0.0, 1.0, time_s, goal_rad, 0 * time_s, time_s >= 0)
+    values = ServoValues(
+        stiffness_nm_per_rad=STIFFNESS,
+        damping_nm_s_per_rad=1e-4,
+        rotor_inertia_kg_m2=0.005,
+        dry_friction_nm=DRY_NM,
+        load_friction=share,
+        gear_damping_nm_s_per_rad=0.05,
+        max_torque_nm=STALL_NM,
+        no_load_speed_rad_s=1e6,
+        dead_time_s=0.0,
+    )
+    angles_rad = run.errors_rad(values)
+    for at_s, way in ((7.0, 1), (9.0, 1), (13.0, -1), (15.0, -1)):
+        row = int(at_s / 0.02)
+        motor_nm = STIFFNESS * (goal_rad[row] - angles_rad[row])
+        lost_nm = DRY_NM + share * motor_nm * (1 + motor_nm / STALL_NM) / 2
+        load_nm = 0.6 * 9.81 * 0.12 * np.sin(angles_rad[row])
+        assert motor_nm - way * lost_nm == pytest.approx(load_nm, abs=0.012)
+
+
+def test_servos_without_power_keep_the_dry_friction() -> None:
+    with SimServos(rubbing(0.4)) as servos:
+        move(servos, servos.robot.stance_angles_rad + 0.05, ticks=20)
+        model, dry_nm = servos.compiled.physics.model, servos.robot.dry_friction_nm
+        assert (model.dof_frictionloss[6:] > dry_nm).all()
+        servos.disable_torque()
+        servos.clock.tick()
+        np.testing.assert_array_equal(model.dof_frictionloss[6:], dry_nm)
+
+
+def test_a_batch_of_worlds_with_events_equals_its_single_robots() -> None:
+    """Copies that are told different things rub differently, and a leg that fails changes no friction."""
+    event = FailureEvent(at_s=0.1, leg=2, failure=Failure(leg=2, kind="missing"))
+
+    def begun(world: str, events: tuple[FailureEvent, ...]) -> SimServos:
+        servos = SimServos(rubbing(0.5), world=world, events=events)
+        servos.connect()
+        move(servos, servos.robot.stance_angles_rad + 0.05, ticks=5)
+        servos.walk_begins()
+        return servos
+
+    kinds = [("flat", (event,)), ("slippery", ())]
+    stance_rad, waves = shipped("lukas").stance_angles_rad, (0.05, 0.1)
+    batch = SimBatch([begun(*kind) for kind in kinds], [2, 2])
+    alone = [(begun(*kind), size) for kind in kinds for size in waves]
+    for tick in range(12):
+        wave = np.sin(0.6 * tick)
+        batch.write(np.array([stance_rad + size * wave for _ in kinds for size in waves]))
+        batch.tick()
+        for servos, size in alone:
+            servos.write(JointTargets(stance_rad + size * wave, 0.0))
+            servos.clock.tick()
+    states = [servos.read().joint_positions_rad for servos, _ in alone]
+    np.testing.assert_array_equal(batch.read().joint_positions_rad, states)

@@ -29,20 +29,15 @@ def _heights_below(world: World, points: FloatArray, seed: int = 0) -> FloatArra
 POINTS = np.random.default_rng(1).uniform(-3, 3, (60, 2))
 
 
-def test_the_flat_floor_is_at_height_zero() -> None:
-    np.testing.assert_allclose(_heights_below(World(), POINTS), 0, atol=1e-9)
-
-
-@pytest.mark.parametrize("uphill_deg", [0.0, 215.0])
-def test_a_slope_rises_toward_uphill(uphill_deg: float) -> None:
+@pytest.mark.parametrize(("slope_deg", "uphill_deg"), [(0.0, 0.0), (12.0, 0.0), (12.0, 215.0)])
+def test_a_slope_rises_toward_uphill(slope_deg: float, uphill_deg: float) -> None:
     uphill = np.array([np.cos(np.radians(uphill_deg)), np.sin(np.radians(uphill_deg))])
-    heights = _heights_below(World(slope_deg=12, slope_direction_deg=uphill_deg), POINTS)
-    np.testing.assert_allclose(heights, np.tan(np.radians(12)) * (POINTS @ uphill), atol=1e-9)
+    heights = _heights_below(World(slope_deg=slope_deg, slope_direction_deg=uphill_deg), POINTS)
+    np.testing.assert_allclose(heights, np.tan(np.radians(slope_deg)) * (POINTS @ uphill), atol=1e-9)
 
 
-@pytest.mark.parametrize("uphill_deg", [-70.0])
-def test_the_normal_stands_on_the_slope_and_the_robot_stands_along_it(uphill_deg: float) -> None:
-    world = World(slope_deg=15, slope_direction_deg=uphill_deg)
+def test_the_normal_stands_on_the_slope_and_the_robot_stands_along_it() -> None:
+    world = World(slope_deg=15, slope_direction_deg=-70.0)
     floor = make_floor(world, 0)
     heights = _heights_below(world, POINTS)
     surface = np.column_stack([POINTS, heights])

@@ -31,18 +31,14 @@ def test_keys_of_a_world_file_are_read_and_others_are_those_of_the_flat_world(tm
     assert load_world(_written("friction: 0.6\n", tmp_path)) == World(friction=0.6)
     offsets = ", ".join(str(index) for index in range(18))
     text = (
-        "payload_kg: 1.5\npayload_position_m: [0.01, 0, 0.03]\nservo_strength: 0.5\n"
-        "added_mass_share: -0.05\nbody_mass_shift_m: [0, 0.01, -0.02]\ncontact_time_s: 0.03\n"
-        "friction_cone: pyramidal\ntime_step_s: 0.004\nservo_delay_s: 0.06\nservo_backlash_deg: 1\n"
+        "payload_position_m: [0.01, 0, 0.03]\nfriction_cone: pyramidal\ntime_step_s: 0.004\n"
         f"joint_offset_deg: [{offsets}]\nsensor_noise: {{joint_deg: 0.1}}\n"
     )
     world = load_world(_written(text, tmp_path))
     assert world.payload_position_m == (0.01, 0, 0.03)
     assert world.joint_offset_deg == tuple(range(18))
     assert world.sensor_noise == SensorNoise(joint_deg=0.1)
-    assert (world.added_mass_share, world.body_mass_shift_m) == (-0.05, (0, 0.01, -0.02))
-    assert (world.contact_time_s, world.friction_cone, world.servo_backlash_deg) == (0.03, "pyramidal", 1)
-    assert (world.steps_per_tick, world.servo_delay_s) == (5, 0.06)
+    assert (world.steps_per_tick, world.friction_cone) == (5, "pyramidal")
 
 
 #: Values that a world file cannot have, by key.
@@ -105,18 +101,18 @@ def test_an_unknown_world_lists_the_known_ones() -> None:
 
 
 @cache
-def _stood(world: World, *, seconds: float = 1.0, name: str = "ant") -> FloatArray:
+def _stood(world: World, *, seconds: float = 1.0) -> FloatArray:
     """Let a robot stand in a world and return its base position in m."""
-    with SimServos(shipped(name), world=world) as servos:
+    with SimServos(shipped(), world=world) as servos:
         move(servos, servos.robot.stance_angles_rad, ticks=round(50 * seconds))
         position = servos.read().base_position_world
         assert position is not None
         return position
 
 
-def _model(world: World, name: str = "ant") -> Any:
+def _model(world: World) -> Any:
     """The compiled model of a robot in a world."""
-    return make_simulation(shipped(name), world).physics.model
+    return make_simulation(shipped(), world).physics.model
 
 
 @pytest.mark.slow
@@ -147,16 +143,6 @@ def test_a_load_is_in_the_mass_and_on_the_feet(world: World, mass_kg: float) -> 
         forces = servos.compiled.physics.data.sensordata[TOUCH]
         assert forces.sum() == pytest.approx(9.81 * mass_kg, rel=0.01)
         assert forces[0] > forces[3], "it sits in front"
-
-
-@pytest.mark.parametrize(("name", "share"), [("ant", -0.05), ("phantomx", 0.5), ("pexod", 0.1)])
-def test_added_mass_is_a_share_of_the_whole_robot_in_its_trunk(name: str, share: float) -> None:
-    robot = shipped(name)
-    plain, loaded = (_model(world, name) for world in (World(), World(added_mass_share=share)))
-    assert plain.body_mass.sum() == pytest.approx(robot.mass_kg)
-    assert loaded.body_mass.sum() == pytest.approx((1 + share) * robot.mass_kg)
-    others = np.flatnonzero(loaded.body_mass != plain.body_mass)
-    assert [loaded.id2name(body, "body") for body in others] == [f"{robot.name}/trunk"]
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """Families of worlds: the same members every time, spread evenly, and files that say what they mean."""
 
+from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -10,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hexctl.backends.sim.draws import Distribution
+from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import (
     MAX_MEMBERS,
     DomainRandomization,
@@ -17,14 +19,18 @@ from hexctl.backends.sim.world import (
     load_randomization,
     load_world,
 )
+from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
+from hexctl.gait.gait import make_gait
 from hexctl.study.priors.prior_options import WORLDS_PER_LEG
 from hexctl.types import JOINT_KINDS, FloatArray
+from tests.robots import shipped
 
 FAMILIES = ("randomised", "transfer", "real")
 
-#: The least that a file of a family says.
-SMALL = "seed: 1\nranges:\n  friction: {low: 0.4, high: 1.0}\n"
+#: The least that a file of a family says, and a time of a failure in it.
+SMALL, TIME = "seed: 1\nranges:\n  friction: {low: 0.4, high: 1.0}\n", "at_s: {low: 1, high: 2}"
 
 numbers = st.integers(0, MAX_MEMBERS - 1)
 
@@ -34,10 +40,10 @@ def family(name: str = "randomised") -> DomainRandomization:
     return load_randomization(name)
 
 
-def _written(text: str, folder: Path) -> str:
+def _written(text: str, folder: Path) -> Path:
     path = folder / "family.yaml"
     path.write_text(text, encoding="utf-8")
-    return str(path)
+    return path
 
 
 def _values(worlds: list[World], key: str) -> FloatArray:
@@ -162,7 +168,6 @@ def test_members_that_a_family_does_not_have_are_refused(first: int, count: int)
 WRONG_RANGES = {
     "friction: {low: 1, high: 0.4}": "ranges.friction",
     "friction: {low: -1, high: 1, scale: log}": "log",
-    "friction: {low: .nan, high: 1}": "ranges.friction.low",
     "friction: {low: 1, high: 2, scale: cubic}": "cubic",
     "friction: {low: -1, high: 1}": "friction",
     "fricton: {low: 0.4, high: 1}": "fricton",
@@ -173,16 +178,35 @@ WRONG_RANGES = {
     "joint_stiffness.knee: {low: 1, high: 2}": "joint_stiffness.knee",
 }
 
+#: Draws that a family cannot have, and what is named of each; `T` is a good time.
+WRONG_DRAWS = {
+    "{}": "at_s",
+    "{at_s: {low: -1, high: 2}}": "at_s",
+    "{T, legs: [0]}": "legs",
+    "{T, legs: [2, 2]}": "legs",
+    "{T, legs: []}": "legs",
+    "{T, failure: [tired]}": "failure",
+    "{T, failure: ['stuck:femur:30']}": "failure",
+    "{T, failure: [unknown]}": "failure",
+    "{T, torque_share: {low: 0, high: 2}}": "torque_share",
+    "{T, heals_after_s: {low: 0, high: 0}}": "heals_after_s",
+    "{T, share: 0}": "share",
+    "{T, angle_deg: 3}": "angle_deg",
+    "{T}, {T, legs: [4]}": "more legs than",
+}
+
 WRONG_FAMILIES = {
     **{f"seed: 1\nranges: {{{ranges}}}": named for ranges, named in WRONG_RANGES.items()},
     "seed: 1\n": "ranges",
     "": "ranges",
     SMALL.removeprefix("seed: 1\n"): "seed",
-    SMALL.replace("seed: 1", "seed: -1"): "seed",
     SMALL + "kindz: []": "kindz",
     SMALL + "kinds: []": "kinds",
     SMALL + "kinds: [{name: a, world: {fricton: 1}}]": r"kinds\[0\].world.fricton",
     SMALL + "kinds: [{name: a}, {name: b, world: {friction: -1}}]": r"kinds\[1\].world.friction",
+    SMALL
+    + f"failures: [{{{TIME}}}]\nkinds: [{{name: a, world: {{failures: ['1:limp@1']}}}}]": "of the kind a",
+    **{f"{SMALL}failures: [{draw.replace('T', TIME)}]": named for draw, named in WRONG_DRAWS.items()},
 }
 
 
@@ -192,6 +216,7 @@ def test_a_bad_family_is_refused_with_file_and_key(text: str, tmp_path: Path) ->
     with pytest.raises(InputError, match=WRONG_FAMILIES[text]) as refused:
         load_randomization(path)
     assert str(refused.value).startswith(f"{path}: ")
+    assert "\n" not in str(refused.value)
 
 
 def test_a_range_of_one_joint_kind_leaves_the_other_joints_as_they_are(tmp_path: Path) -> None:
@@ -242,3 +267,80 @@ def test_a_prior_is_tried_on_wider_ranges_and_other_kinds_than_it_was_built_from
     for kind in others:
         assert not built.ranges.keys() & kind.world.keys(), "no range makes such a world"
         assert World.model_validate(kind.world) != World()
+
+
+# Failures that are drawn.
+
+#: All that a drawn failure may say; members of 0.1 s walks reach it.
+FULL = """\
+seed: 3
+ranges:
+  friction: {low: 0.5, high: 1.0}
+failures:
+  - at_s: {low: 0.02, high: 0.06}
+    legs: [2, 5]
+    failure: [limp, "stuck:femur", weak, "weak:coxa"]
+    torque_share: {low: 0.2, high: 0.4}
+    heals_after_s: {low: 1, high: 2}
+    share: 0.75
+  - at_s: {low: 3, high: 4, scale: log}
+    legs: [5, 2]
+"""
+
+
+def test_members_draw_leg_time_kind_torque_and_healing(tmp_path: Path) -> None:
+    members = load_randomization(_written(FULL, tmp_path)).members(0, 256)
+    assert load_randomization(_written(FULL, tmp_path)).members(7, 1) == [members[7]]
+    first = [world.events[0] for world in members if world.healings]
+    assert 0.7 < len(first) / len(members) < 0.8
+    legs = Counter(event.leg for event in first)
+    assert set(legs) == {2, 5}
+    assert min(legs.values()) > 0.4 * len(first)
+    kinds = Counter((event.failure.kind, event.failure.joint) for event in first if event.failure)
+    assert set(kinds) == {("limp", None), ("stuck", "femur"), ("weak", None), ("weak", "coxa")}
+    assert min(kinds.values()) > 0.2 * len(first)
+    shares = [e.failure.torque_fraction for e in first if e.failure and e.failure.kind == "weak"]
+    assert min(shares) >= 0.2
+    assert max(shares) <= 0.4
+    assert max(shares) - min(shares) > 0.15
+    for world in members:
+        failing = [event for event in world.events if event.failure]
+        assert len({event.leg for event in failing}) == len(failing), "the second has another leg"
+        assert 3 <= failing[-1].at_s <= 4
+        for healing in (event for event in world.events if not event.failure):
+            (before,) = (event.at_s for event in failing if event.leg == healing.leg)
+            assert 0.99 <= healing.at_s - before <= 2.01
+
+
+def test_a_family_is_written_down_with_its_failures(tmp_path: Path) -> None:
+    family = load_randomization(_written(SMALL, tmp_path))
+    assert family.model_dump(mode="json")["failures"] == []
+    again = type(family).model_validate(load_randomization("failing").model_dump(mode="json"))
+    assert again.members(5, 3) == load_randomization("failing").members(5, 3)
+
+
+@pytest.mark.slow
+def test_batches_and_single_simulations_get_what_was_drawn(tmp_path: Path) -> None:
+    path = _written(FULL, tmp_path)
+    (event, *_) = load_world(f"{path}:4").events
+    model = shipped()
+    with SimServos(model, world=f"{path}:4") as servos:
+        servos.walk_begins()
+        for _ in range(6):
+            servos.clock.tick()
+        assert [failure.leg for failure in servos.failures] == [event.leg]
+    plan = TrialPlan(gait=make_gait(model, "tripod"), duration_s=1.5)
+    trials = [SimTrial(robot=model, plan=plan, failure=None, world=f"{path}:{n}") for n in (3, 4, 5)]
+    together = run_sim_trials(trials, threads=1)
+    assert together[1] == run_sim_trial(trials[1])
+    whole = trials[1].world.model_copy(update={"failures": (), "healings": ()})
+    intact = run_sim_trial(SimTrial(robot=model, plan=plan, failure=None, world=whole))
+    assert together[1].path_m[-1, 0] != intact.path_m[-1, 0]
+
+
+def test_a_leg_heals_after_it_has_failed(tmp_path: Path) -> None:
+    soon = "failures: [{at_s: {low: 1, high: 2}, heals_after_s: {low: 0.02, high: 0.02}}]\n"
+    family = load_randomization(_written(SMALL + soon, tmp_path))
+    for world in family.members(0, 64):
+        fails, heals = world.events
+        assert 0.019 < heals.at_s - fails.at_s < 0.031

@@ -23,12 +23,12 @@ from hexctl.errors import EStopError, HexctlError, InputError, RobotFaultError
 from hexctl.robot.loader import load_robot
 from hexctl.server.leases import LEASE_S, LeaseManager
 from hexctl.testing.servo_conformance import LegServosConformance
-from hexctl.types import JointTargets, RobotState
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.zenoh_messages import StateTag, decode_positions, encode_positions
 from hexctl.wire.zenoh_session import open_session
 from tests.backends.bus.boards import a_map, bus_board
 from tests.backends.fake_time import FakeTime
+from tests.backends.standing import command, next_state, stand, until
 from tests.robots import edited_file, put, shipped
 from tests.server.processes import Served, free_port, hexctl, hexctl_process, served, wait_until
 
@@ -82,30 +82,21 @@ def robot(link: Link) -> Iterator[PlainRobot]:
     robot.session.close()  # type: ignore[no-untyped-call]
 
 
-def connected(link: Link, robot: PlainRobot) -> ZenohServos:
-    servos = ZenohServos(shipped(), link=link)
-
-    threading.Timer(0.2, robot.say).start()
-    servos.connect()
-    return servos
-
-
 @pytest.mark.realtime
 def test_a_plain_robot_can_be_commanded_and_its_silence_stops_the_controller(
     link: Link, robot: PlainRobot
 ) -> None:
-    with Guard(connected(link, robot)) as guard:
+    threading.Timer(0.2, robot.say).start()
+    with Guard(ZenohServos(shipped(), link=link)) as guard:
         wanted = shipped().stance_angles_rad + 0.05
-        for _ in range(10):
-            _next(guard)
-            guard.write(JointTargets(wanted, guard.clock.now_s))
+        stand(guard, 10, 0.05)
         wait_until(lambda: np.allclose(robot.joint_positions_rad, wanted), "the command")
-        np.testing.assert_allclose(_next(guard).joint_positions_rad, wanted)
+        np.testing.assert_allclose(next_state(guard).joint_positions_rad, wanted)
         time.sleep(0.3)
-        _next(guard)
+        next_state(guard)
         assert guard.stopped == "state"
         with pytest.raises(EStopError):
-            guard.write(JointTargets(shipped().stance_angles_rad, guard.clock.now_s))
+            command(guard)
 
 
 @pytest.mark.realtime
@@ -128,8 +119,6 @@ def test_another_robot_is_refused_and_a_neighbours_is_commanded_only_by_its_name
     link = Link(endpoint=served_mock.endpoint)
     with pytest.raises(RobotFaultError, match=r"mount_positions_body\[2\]\[0\]"):
         ZenohServos(load_robot(path), link=link).connect()
-    with pytest.raises(RobotFaultError, match=r"pexod .*there is ant"):
-        ZenohServos(shipped("pexod"), link=link).connect()
     by_default = Link(endpoint=served_mock.endpoint, named=False)
     with ZenohServos(shipped(), link=by_default) as servos:
         assert servos.identity is not None
@@ -149,11 +138,10 @@ def test_a_lease_that_is_lost_and_a_stop_by_another_client_end_the_controller(tm
             assert servos._lease is not None
             servos._lease._request("release")
             with pytest.raises(RobotFaultError, match="no longer commands the robot"):
-                _read_for(servos, ticks=500)
+                until(servos, lambda _: False, write=False)
         with Guard(ZenohServos(shipped(), link=Link(endpoint=robot.endpoint))) as guard:
             assert hexctl("estop", "--connect", robot.endpoint).returncode == 0
-            for _ in range(100):
-                _next(guard)
+            until(guard, lambda _: guard.stopped is not None, write=False)
             assert guard.stopped == "estop"
 
 
@@ -164,8 +152,7 @@ def test_what_servos_on_a_bus_report_comes_over_the_link(tmp_path: Path) -> None
         served(tmp_path, "--robot", "phantomx", "--connect", bus.path, backend="feetech") as server,
         ZenohServos("phantomx", link=Link(endpoint=server.endpoint)) as servos,
     ):
-        wait_until(lambda: "mute: leg 5 coxa (id 13)" in _next(servos).warnings, "the warning")
-        state = _next(servos)
+        state = until(servos, lambda state: "mute: leg 5 coxa (id 13)" in state.warnings, write=False)
         assert state.stale_joints is not None
         assert np.flatnonzero(state.stale_joints).tolist() == [12]
         readings = state.servos
@@ -175,16 +162,6 @@ def test_what_servos_on_a_bus_report_comes_over_the_link(tmp_path: Path) -> None
         assert np.isfinite(np.delete(readings.voltages_v, 12)).all()
         assert readings.ages_s[12] > 0.3
         assert np.delete(readings.ages_s, 12).max() < readings.ages_s[12]
-
-
-def _read_for(servos: LegServos, *, ticks: int) -> None:
-    for _ in range(ticks):
-        _next(servos)
-
-
-def _next(servos: LegServos) -> RobotState:
-    servos.clock.tick()
-    return servos.read()
 
 
 GRANTED = {"lease": "0f" * 16, "sequence": 3, "duration_s": 1}
