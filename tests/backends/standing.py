@@ -27,10 +27,15 @@ def stand(servos: LegServos, ticks: int, offset_rad: float = 0.0) -> RobotState:
 
 
 def until(
-    servos: LegServos, condition: Callable[[RobotState], Any], *, write: bool = True, offset_rad: float = 0.0
+    servos: LegServos,
+    condition: Callable[[RobotState], Any],
+    *,
+    write: bool = True,
+    offset_rad: float = 0.0,
+    ticks: int = 500,
 ) -> RobotState:
     """State of the first tick in which a condition holds, while a pose is commanded, or nothing is."""
-    for _ in range(500):
+    for _ in range(ticks):
         state = next_state(servos)
         if condition(state):
             return state

@@ -18,7 +18,6 @@ from hexctl.backends.bus.packets import (
     WRITE,
     PacketStream,
     StatusPacket,
-    crc16,
 )
 from hexctl.backends.bus.registers import AX, STS, XL330, Register, Sign, X, table_of
 from hexctl.robot.servos.servo_models import SERVO_TYPES
@@ -111,15 +110,6 @@ def test_the_feetech_sdk_writes_the_same_packets() -> None:
     port.is_using = False
     sdk.writeTxOnly(5, 42, 2, [0x00, 0x08])
     assert port.sent == PROTOCOLS[1].instruction(5, WRITE, bytes([42, 0, 8]))
-
-
-def test_the_crc_is_that_of_the_dynamixel_sdk() -> None:
-    import dynamixel_sdk
-
-    sdk, rng = dynamixel_sdk.PacketHandler(2.0), random.Random(1)
-    for size in range(1, 200):
-        data = rng.randbytes(size)
-        assert crc16(data) == sdk.updateCRC(0, list(data), size)
 
 
 def test_a_byte_is_stuffed_behind_what_looks_like_a_header() -> None:

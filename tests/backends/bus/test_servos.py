@@ -15,9 +15,9 @@ from hexctl.control.guard import Guard
 from hexctl.errors import RobotFaultError
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.simulators.register_servos import BusServo
-from hexctl.testing.servo_conformance import LegServosConformance
-from hexctl.types import FloatArray, RobotState
+from hexctl.types import BoolArray, FloatArray, RobotState
 from tests.backends.bus.boards import MemoryBus, a_map, bus_board, memory_bus, register_servo_of, servos_on
+from tests.backends.powering import PoweringConformance
 from tests.backends.standing import command, stand, until
 from tests.robots import shipped
 
@@ -27,7 +27,7 @@ ODD = 7
 X_MAP, LX_MAP = a_map("dynamixel", "xl430-w250"), a_map("lx16a", "lx16a")
 
 
-class OnBus(LegServosConformance):
+class OnBus(PoweringConformance):
     bus_map: BusMap
 
     @pytest.fixture(autouse=True)
@@ -37,6 +37,9 @@ class OnBus(LegServosConformance):
 
     def make(self) -> LegServos:
         return servos_on(self.bus, self.bus_map)
+
+    def holding(self) -> BoolArray:
+        return self.bus.board._family.holds()
 
 
 class TestFeetech(OnBus):
@@ -51,10 +54,6 @@ class TestLx16a(OnBus):
 
 def _said(words: str) -> Callable[[RobotState], bool]:
     return lambda state: any(words in each for each in state.warnings)
-
-
-def _holding(bus: MemoryBus) -> int:
-    return sum(servo.holds for servo in bus.board._servos)
 
 
 @pytest.mark.realtime
@@ -81,29 +80,6 @@ def test_a_bus_on_a_pseudo_terminal_is_walked_and_found_again(tmp_path: Path) ->
             command(guard)
             until(guard, lambda _: board._servos[0].holds, write=False)
         assert guard.link_counts["reopened"] == 1
-
-
-def test_nothing_is_switched_before_the_first_targets_and_the_robot_then_stays_where_it_is() -> None:
-    with memory_bus(a_map()) as bus:
-        bus.robot._positions_rad += 0.05  # moved by hand
-        with servos_on(bus, a_map()) as servos:
-            here = servos.read().joint_positions_rad
-            assert here == pytest.approx(servos.robot.stance_angles_rad + 0.05, abs=2e-3)
-            bus.time.sleep(0.2)
-            assert _holding(bus) == 0
-            command(servos, 0.05)
-            until(servos, lambda _: _holding(bus) == 18)
-            assert servos.disable_torque()
-            bus.time.sleep(0.2)
-            assert _holding(bus) == 0
-            command(servos, 0.05)
-            bus.time.sleep(0.2)
-        assert _holding(bus) == 18, "after closing the robot holds its pose"
-        with servos_on(bus, a_map()) as servos:
-            bus.time.sleep(0.2)
-            assert _holding(bus) == 18, "and is not dropped by the next program"
-            servos.disable_torque()
-        assert _holding(bus) == 0, "off at the end, and off after it"
 
 
 def test_a_watchdog_that_has_expired_is_renewed() -> None:
@@ -171,7 +147,7 @@ def test_torque_off_is_sent_until_every_servo_has_it(monkeypatch: pytest.MonkeyP
 
         monkeypatch.setattr(bus.board._family, "_sync_write", lossy)
         servos.disable_torque()
-        until(servos, lambda _: _holding(bus) == 0, write=False)
+        until(servos, lambda _: not bus.board._family.holds().any(), write=False)
         assert len(lost) == 2
 
 

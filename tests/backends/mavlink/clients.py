@@ -1,29 +1,25 @@
 """A MAVLink client for tests that says exactly what it is told to, and keeps what it hears."""
 
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
 
 from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec, Frame
-from hexctl.backends.mavlink.mavlink_transport import UdpPort, parse_port
-from hexctl.time_source import WALL_TIME
 from hexctl.types import FloatArray
 from tests.backends.mavlink.boards import PATIENCE_S, MemoryPort
 
 
 class Client:
-    """Speaks with a board over UDP or in memory, as a system of its own.
+    """Speaks with a board in memory, as a system of its own.
 
     Attributes:
         heard: all frames so far, newest last.
         sequence: number of the next frame.
     """
 
-    def __init__(self, port: str | MemoryPort, *, system: int = 255, key: bytes | None = None) -> None:
-        self._port = UdpPort(parse_port(port)) if isinstance(port, str) else port
-        self._time = WALL_TIME if isinstance(port, str) else port.time
+    def __init__(self, port: MemoryPort, *, system: int = 255, key: bytes | None = None) -> None:
+        self._port, self._time = port, port.time
         self._codec = Codec(system, 191, signing_key=key)
         self.heard: list[Frame] = []
         self.sequence = 0
@@ -31,9 +27,7 @@ class Client:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._port.close()
 
     def say(self, message: Any, *, sequence: int | None = None) -> None:

@@ -26,17 +26,9 @@ def a_map(driver: str = "servo2040", **section: Any) -> PwmMap:
 
 
 @contextmanager
-def pca9685_board(
-    *faults: str,
-    servos: LegServos | None = None,
-    pwm_map: PwmMap | None = None,
-    bits_per_s: int = 400_000,
-) -> Iterator[Pca9685Board]:
-    """Boards PCA9685 that run meanwhile, of servos without a robot unless others are given."""
-    given = faults_of(Pca9685Board, faults)
-    moved = servos or MockServos(shipped())
-    mapped = pwm_map or a_map("pca9685")
-    with running(Pca9685Board(moved, mapped, bits_per_s=bits_per_s, faults=given)) as board:
+def pca9685_board(pwm_map: PwmMap | None = None) -> Iterator[Pca9685Board]:
+    """Boards PCA9685 that run meanwhile, of servos without a robot."""
+    with running(Pca9685Board(MockServos(shipped()), pwm_map or a_map("pca9685"))) as board:
         yield board
 
 

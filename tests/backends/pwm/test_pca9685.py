@@ -5,7 +5,6 @@ import random
 import socket
 import sys
 import threading
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +20,10 @@ from hexctl.backends.pwm.pca9685 import I2cBus, Pca9685, Pca9685Servos, open_i2c
 from hexctl.errors import MissingExtraError, RobotFaultError
 from hexctl.robot.servos.pwm_map import PwmMap
 from hexctl.simulators.pca9685_board import SimulatedI2c, SimulatedPca9685
-from hexctl.testing.servo_conformance import LegServosConformance
-from hexctl.types import N_JOINTS
+from hexctl.types import N_JOINTS, FloatArray
 from hexctl.wire.zenoh_messages import MAX_TEXT_BYTES
 from tests.backends.fake_time import FakeTime
+from tests.backends.powering import HobbyServosConformance
 from tests.backends.pwm.boards import a_map, pca9685_board
 from tests.backends.pwm.i2c import ChipBus, FlatBus, byte_of
 from tests.backends.standing import command, next_state, stand, until
@@ -55,9 +54,16 @@ def _limp(servos: LegServos, *chips: SimulatedPca9685) -> None:
     until(servos, lambda _: not any(chip.pulses_us().any() for chip in chips), write=False)
 
 
-class TestChips(LegServosConformance):
-    def make(self) -> LegServos:
-        return _servos(ChipBus())
+class TestChips(HobbyServosConformance):
+    @pytest.fixture(autouse=True)
+    def chips(self) -> None:
+        self.bus = ChipBus()
+
+    def make(self) -> Pca9685Servos:
+        return _servos(self.bus)
+
+    def pulses_us(self) -> FloatArray:
+        return self.bus.pulses_us()[:18]
 
 
 def _referee_us(registers: bytes, channel: int, clock_hz: float = 25e6) -> float:
@@ -100,24 +106,19 @@ def test_pulses_are_right_with_an_oscillator_that_is_not(oscillator_mhz: float, 
         np.testing.assert_allclose(bus.pulses_us()[:18], wanted, atol=COUNT_US / 2 + 0.1)
 
 
-def test_the_prescaler_is_set_in_sleep_and_nothing_comes_out_before_the_first_targets() -> None:
+def test_the_prescaler_is_set_in_sleep_and_servos_are_off_by_the_bit_that_is_made_for_it() -> None:
     bus = ChipBus()
     with _servos(bus) as servos:
         for address in (0x40, 0x41):
             assert bus.chips[address].registers[0xFE] == 121, "which chips take in sleep alone"
             assert not bus.chips[address].registers[0x00] & 0x10
-        for _ in range(20):
-            next_state(servos)
-        assert not bus.pulses_us().any()
         assert not servos.holds
         _power(servos, bus)
         assert servos.holds
         assert not bus.pulses_us()[18:].any()
         servos.disable_torque()
         _limp(servos, *bus.chips.values())
-        assert bus.chips[0x40].registers[0x09] == 0x10, "off by the bit that is made for it"
-        _power(servos, bus)
-    assert (bus.pulses_us()[:18] > 0).all(), "after closing the robot holds its pose"
+        assert bus.chips[0x40].registers[0x09] == 0x10
 
 
 def test_a_pose_is_one_message_for_each_board() -> None:
@@ -135,23 +136,6 @@ def test_a_pose_is_one_message_for_each_board() -> None:
     written = [(address, data[0], len(data)) for address, data in sent]
     assert written[:2] == [(0x40, 6, 65), (0x41, 6, 9)]
     assert written == written[:2] * (len(written) // 2)
-
-
-def test_legs_are_powered_one_after_the_other() -> None:
-    bus = ChipBus()
-    with _servos(bus) as servos:
-        _power(servos, bus)
-    powered: list[list[bool]] = []
-    chips = {0x40: SimulatedPca9685(), 0x41: SimulatedPca9685()}
-    for transaction in bus.log:  # played again, to look at it after each message
-        SimulatedI2c(chips).transfer(transaction)
-        on = np.concatenate([chips[0x40].pulses_us(), chips[0x41].pulses_us()])[:18] > 0
-        if not powered or powered[-1] != on.tolist():
-            powered.append(on.tolist())
-    counts = [sum(on) for on in powered]
-    assert counts[0] == 0
-    assert all(0 <= after - before <= 3 for before, after in pairwise(counts))
-    assert all(on == [True] * sum(on) + [False] * (18 - sum(on)) for on in powered)
 
 
 @pytest.mark.parametrize("prescale", [121, 130])

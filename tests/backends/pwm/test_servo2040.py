@@ -27,10 +27,12 @@ from hexctl.backends.pwm.servo2040 import (
 from hexctl.control.guard import Guard
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.ik.legs import foot_positions_body
-from hexctl.testing.servo_conformance import LegServosConformance, move
+from hexctl.testing.servo_conformance import move
 from hexctl.time_source import WALL_TIME
+from hexctl.types import FloatArray
+from tests.backends.powering import HobbyServosConformance
 from tests.backends.pwm.boards import a_map, memory_servo2040, servos_on
-from tests.backends.standing import command, stand, until
+from tests.backends.standing import stand, until
 from tests.robots import shipped
 
 #: 1.5 A and 8.3 V in the fork's example.
@@ -64,14 +66,18 @@ def test_values_of_14_bits_come_back(values: list[int], start: int, noise: bytes
         assert find_reply(reply[:-1], start, len(values), checked=False) is None
 
 
-class TestServo2040(LegServosConformance):
-    @pytest.fixture(autouse=True)
-    def board(self) -> Iterator[None]:
-        with memory_servo2040() as self.running:
+class TestServo2040(HobbyServosConformance):
+    @pytest.fixture(autouse=True, params=["stock", "fork"])
+    def board(self, request: pytest.FixtureRequest) -> Iterator[None]:
+        with memory_servo2040(firmware=request.param) as self.running:
             yield
 
-    def make(self) -> LegServos:
+    def make(self) -> Servo2040Servos:
         return servos_on(self.running)
+
+    def pulses_us(self) -> FloatArray:
+        board = self.running.board
+        return np.where(board.enabled & board.relay, board.pulses_us, 0.0)
 
 
 class _Line(SerialLine):
@@ -81,7 +87,7 @@ class _Line(SerialLine):
 
     def __init__(self) -> None:
         self.written: list[bytes] = []
-        self.path, self.reply = "/dev/ttyACM0", FORK_REPLY
+        self.path = "/dev/ttyACM0"
 
     def write(self, packet: bytes, *, timeout_s: float = 0.02) -> None:
         self.written.append(packet)
@@ -112,60 +118,6 @@ def test_a_pose_is_one_frame_below_64_bytes_and_staged_before_the_relay() -> Non
     alone = bytes([0xD3, 0, 18]) + encoded([0] * 15 + [round(pulse) for pulse in pulses[2::-1]])
     assert line.written == [pose, bytes.fromhex("D31A010100"), alone, bytes.fromhex("D31A010000")]
     assert len(pose) == 39
-
-
-@pytest.mark.parametrize("firmware", ["stock", "fork"])
-def test_nothing_is_powered_before_the_first_targets(firmware: str) -> None:
-    with memory_servo2040(firmware=firmware) as running:
-        board = running.board
-        with servos_on(running) as servos:
-            until(servos, lambda _: servos.counters.reports > 3, write=False)
-            assert not board.relay
-            assert not board.pulses_us.any()
-            assert not servos.read().measured
-            until(servos, lambda _: board.enabled.all())
-            stance_us = a_map().raw(servos.robot.stance_angles_rad)
-            np.testing.assert_allclose(board.pulses_us, stance_us, atol=0.5)
-            assert servos.disable_torque()
-            until(servos, lambda _: not board.relay, write=False)
-            until(servos, lambda _: board.relay and board.enabled.all())
-        assert board.relay, "after closing the robot holds its pose"
-        with servos_on(running) as servos:
-            for _ in range(30):
-                stand(servos, 1)
-                assert board.enabled.all(), "the next program lets go of nothing"
-            servos.disable_torque()
-        assert not board.relay, "torque that is switched off before closing is off"
-
-
-@pytest.mark.parametrize("firmware", ["stock", "fork"])
-def test_legs_are_powered_one_after_the_other_at_the_pose_that_came_first(firmware: str) -> None:
-    with memory_servo2040(firmware=firmware) as running, servos_on(running) as servos:
-        board, stance = running.board, servos.robot.stance_angles_rad
-        seen: list[int] = []
-        for ticks in range(200):
-            stand(servos, 1, min(0.2, 0.01 * ticks))
-            powered = np.flatnonzero(board.enabled & board.relay)
-            if 0 < len(powered) < 18:  # the outputs of ant are in the order of its joints
-                assert powered.tolist() == list(range(len(powered)))
-                at_first = a_map().raw(stance)
-                np.testing.assert_allclose(board.pulses_us, at_first, atol=0.5 + 0.01 * 2 * 637)
-            seen += [len(powered)] if not seen or seen[-1] != len(powered) else []
-        assert sorted(seen) == [0, 3, 6, 9, 12, 15, 18]
-        np.testing.assert_allclose(board.pulses_us, a_map().raw(stance + 0.2), atol=0.6)
-
-
-def test_a_single_pose_is_reached_and_is_where_the_next_program_begins() -> None:
-    with memory_servo2040() as running:
-        with servos_on(running) as servos:
-            command(servos, 0.1)
-            running.time.sleep(5.0)
-            expected = a_map().raw(servos.robot.stance_angles_rad + 0.1)
-            np.testing.assert_allclose(running.board.pulses_us, expected, atol=0.6)
-            assert running.board.enabled.all()
-        with servos_on(running) as servos:
-            reached = servos.read().joint_positions_rad
-            np.testing.assert_allclose(reached, servos.robot.stance_angles_rad + 0.1, atol=2e-3)
 
 
 @pytest.mark.parametrize("firmware", ["stock", "fork"])

@@ -6,6 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +17,7 @@ import pytest
 import zenoh
 
 from hexctl.backends.base import LegServos
-from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
+from hexctl.backends.zenoh.subscriber import PLAIN_TAG, LatestValues, StateSubscriber
 from hexctl.backends.zenoh.zenoh_client import LeaseClient, ZenohServos, granted, linked_robot
 from hexctl.control.guard import Guard
 from hexctl.errors import EStopError, HexctlError, InputError, RobotFaultError
@@ -24,7 +25,7 @@ from hexctl.robot.loader import load_robot
 from hexctl.server.leases import LEASE_S, LeaseManager
 from hexctl.testing.servo_conformance import LegServosConformance
 from hexctl.wire.links import KeyMap, Link, Role
-from hexctl.wire.zenoh_messages import StateTag, decode_positions, encode_positions
+from hexctl.wire.zenoh_messages import decode_positions, encode_positions
 from hexctl.wire.zenoh_session import open_session
 from tests.backends.bus.boards import a_map, bus_board
 from tests.backends.fake_time import FakeTime
@@ -253,15 +254,7 @@ def test_a_lease_outlasts_a_bad_link(lossy: tuple[LossyRobot, LeaseClient], fake
 
 
 def state(sequence: int) -> SimpleNamespace:
-    tag = StateTag(
-        sequence=sequence,
-        stamp_ns=0,
-        age_us=0,
-        command_sequence=0,
-        measured=True,
-        healthy=True,
-        contacts=None,
-    )
+    tag = replace(PLAIN_TAG, sequence=sequence)
     return SimpleNamespace(payload=encode_positions(np.zeros(18)), attachment=tag.packed())
 
 
