@@ -130,7 +130,18 @@ class MemoryLine(SerialLine):
         return b"".join(data for _, data in due)
 
 
-class LateServoLine(MemoryLine):
+class AnsweringLine(MemoryLine):
+    """A line on which a function answers what is sent; it returns delays and bytes."""
+
+    def __init__(self, answers: Callable[[bytes], list[tuple[float, bytes]]], baud: int = 1_000_000) -> None:
+        super().__init__(FakeTime(), baud)
+        self._answers = answers
+
+    def _put(self, data: bytes, deadline_s: float) -> None:
+        self.coming += [(self.time.now() + delay_s, answer) for delay_s, answer in self._answers(data)]
+
+
+class LateServoLine(AnsweringLine):
     """A line with a servo that answers single questions, each after a delay that a test sets; else at once.
 
     Args:
@@ -144,16 +155,15 @@ class LateServoLine(MemoryLine):
     def __init__(
         self, packets: PacketFormat, answer: Callable[[int, bytes], tuple[int, bytes]], baud: int = 1_000_000
     ) -> None:
-        super().__init__(FakeTime(), baud)
+        super().__init__(self._late, baud)
         self._packets, self._answered = packets, answer
         self.delays_s: list[float] = []
 
-    def _put(self, data: bytes, deadline_s: float) -> None:
+    def _late(self, data: bytes) -> list[tuple[float, bytes]]:
         packet, _ = self._packets.take(data)
         assert packet is not None
         delay_s = self.delays_s.pop(0) if self.delays_s else 0.0
-        answer = self._packets.status(packet[0], *self._answered(packet[1], packet[2]))
-        self.coming.append((self.time.now() + delay_s, answer))
+        return [(delay_s, self._packets.status(packet[0], *self._answered(packet[1], packet[2])))]
 
 
 class MemoryDevice(Generic[Board]):

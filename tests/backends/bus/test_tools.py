@@ -31,6 +31,7 @@ from hexctl.simulators.register_servos import BusServo
 from tests.backends.bus.boards import (
     FAMILIES,
     MODELS,
+    AnsweringLine,
     BoardLine,
     MemoryLine,
     a_map,
@@ -39,7 +40,6 @@ from tests.backends.bus.boards import (
     servos_on,
     stance_counts,
 )
-from tests.backends.fake_time import FakeTime
 from tests.robots import edited_file, put, shipped
 
 every_family = pytest.mark.parametrize(("driver", "model"), [*MODELS, ("lx16a", "lx16a")])
@@ -315,38 +315,15 @@ def test_noise_is_named(plug: Plug, driver: str, model: str) -> None:
     assert "unsolicited bytes" in damages[0].description("memory")
 
 
-class RandomLine(MemoryLine):
-    """A line that answers each packet with bytes that mean nothing, as at a wrong baud rate."""
-
-    def __init__(self) -> None:
-        super().__init__(FakeTime())
-        self._random = random.Random(4)
-
-    def _put(self, data: bytes, deadline_s: float) -> None:
-        self.coming.append((self.time.now(), self._random.randbytes(9)))
-
-
-class TwiceLine(MemoryLine):
-    """Two servos with the id 1, of which one answers after the other: their return delays differ."""
-
-    def __init__(self, driver: str, protocol: int) -> None:
-        super().__init__(FakeTime())
-        self._packets = packets_of(driver, protocol)
-
-    def _put(self, data: bytes, deadline_s: float) -> None:
-        packet, _ = self._packets.take(data)
-        if packet is None or packet[0] != 1:
-            return
-        names_question = self._packets.names_question
-        size = self._packets.answer_size(packet[1], packet[2]) or 0
-        answer = self._packets.status(1, packet[1] if names_question else 0, bytes(size))
-        for delay_s in (0.001, 0.0016):
-            self.coming.append((self.time.now() + delay_s, answer))
-
-
 @pytest.mark.parametrize("driver", ["dynamixel", "feetech", "lx16a"])
 def test_answers_that_mean_nothing_are_named(plug: Plug, driver: str) -> None:
-    plug(RandomLine())
+    """As at a wrong baud rate."""
+    rng = random.Random(4)
+
+    def anything(_: bytes) -> list[tuple[float, bytes]]:
+        return [(0.0, rng.randbytes(9))]
+
+    plug(AnsweringLine(anything))
     found, damages = scanned(driver)
     assert found == []
     assert "at many ids: a wrong baud rate" in damages[0].description("memory")
@@ -355,7 +332,18 @@ def test_answers_that_mean_nothing_are_named(plug: Plug, driver: str) -> None:
 
 @pytest.mark.parametrize(("driver", "protocol"), [("dynamixel", 2), ("feetech", 1), ("lx16a", 1)])
 def test_two_answers_to_one_question_are_two_servos(plug: Plug, driver: str, protocol: int) -> None:
-    plug(TwiceLine(driver, protocol))
+    """One answers after the other: their return delays differ."""
+    packets = packets_of(driver, protocol)
+
+    def twice(asked: bytes) -> list[tuple[float, bytes]]:
+        packet, _ = packets.take(asked)
+        if packet is None or packet[0] != 1:
+            return []
+        size = packets.answer_size(packet[1], packet[2]) or 0
+        answer = packets.status(1, packet[1] if packets.names_question else 0, bytes(size))
+        return [(0.001, answer), (0.0016, answer)]
+
+    plug(AnsweringLine(twice))
     _, damages = scanned(driver)
     assert [each.doubled or each.garbled for each in damages] == [(1,)]
     assert "the same id" in damages[0].description("memory")

@@ -23,11 +23,10 @@ def byte_of(bus: I2cBus, address: int, register: int) -> int:
 
 @dataclass
 class ChipBus(I2cSocket):
-    """Two simulated chips, and a log of what was transferred.
+    """Two simulated chips.
 
     Attributes:
         chips: by address.
-        log: transactions, each a list of messages.
         fails: says of an address whether a transfer fails now.
         spoils: what becomes of a byte that was read.
     """
@@ -35,7 +34,6 @@ class ChipBus(I2cSocket):
     chips: dict[int, SimulatedPca9685] = field(
         default_factory=lambda: {0x40: SimulatedPca9685(), 0x41: SimulatedPca9685()}
     )
-    log: list[list[I2cMessage]] = field(default_factory=list)
     fails: Callable[[int], bool] = lambda _: False
     spoils: Callable[[int], int] = lambda value: value
     lock: threading.Lock = field(default_factory=threading.Lock)
@@ -48,15 +46,8 @@ class ChipBus(I2cSocket):
         with self.lock:
             return np.concatenate([self.chips[address].pulses_us() for address in sorted(self.chips)])
 
-    def writes(self) -> list[tuple[int, bytes]]:
-        """Addresses and bytes of messages that wrote more than the register of a question."""
-        with self.lock:
-            messages = [message for transaction in self.log for message in transaction]
-        return [(message.address, message.data) for message in messages if len(message.data) > 1]
-
     def _transfer(self, messages: Sequence[I2cMessage]) -> bytes:
         with self.lock:
-            self.log.append(list(messages))
             if self.fails(messages[0].address):
                 raise OSError(errno.EREMOTEIO, "Remote I/O error")
             return bytes(map(self.spoils, SimulatedI2c(self.chips).transfer(list(messages))))

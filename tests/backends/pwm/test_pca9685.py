@@ -26,7 +26,7 @@ from tests.backends.fake_time import FakeTime
 from tests.backends.powering import HobbyServosConformance
 from tests.backends.pwm.boards import a_map, pca9685_board
 from tests.backends.pwm.i2c import ChipBus, FlatBus, byte_of
-from tests.backends.standing import command, next_state, stand, until
+from tests.backends.standing import next_state, stand, until
 from tests.robots import shipped
 
 #: A count at 50 Hz.
@@ -121,23 +121,6 @@ def test_the_prescaler_is_set_in_sleep_and_servos_are_off_by_the_bit_that_is_mad
         assert bus.chips[0x40].registers[0x09] == 0x10
 
 
-def test_a_pose_is_one_message_for_each_board() -> None:
-    bus = ChipBus()
-    with _servos(bus) as servos:
-        _power(servos, bus)
-        servos.clock.tick()
-        servos.clock.time.sleep(0.1)
-        bus.log.clear()
-        before = servos.counters.writes
-        command(servos, 0.01)
-        until(servos, lambda _: servos.counters.writes > before, write=False)
-        servos.clock.time.sleep(0.1)
-        sent = bus.writes()
-    written = [(address, data[0], len(data)) for address, data in sent]
-    assert written[:2] == [(0x40, 6, 65), (0x41, 6, 9)]
-    assert written == written[:2] * (len(written) // 2)
-
-
 @pytest.mark.parametrize("prescale", [121, 130])
 def test_the_pose_of_an_earlier_program_is_kept_whatever_its_frequency(prescale: int) -> None:
     bus = ChipBus()
@@ -150,7 +133,6 @@ def test_the_pose_of_an_earlier_program_is_kept_whatever_its_frequency(prescale:
         assert not chip.pulses_us().any(), "they wait for a restart"
         chip.write(bytes([0x00, 0x80]))
     before = bus.pulses_us()
-    bus.log.clear()
     with _servos(bus) as servos:
         np.testing.assert_allclose(bus.pulses_us(), before, atol=COUNT_US / 2)
         expected = a_map("pca9685").angles_rad(before[:18])
