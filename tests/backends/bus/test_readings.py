@@ -13,13 +13,15 @@ from hexctl.backends.bus.line_condition import AnswerShares, LineCondition
 from hexctl.backends.bus.readings import BelievedReadings
 from hexctl.backends.bus.registers import Register
 from hexctl.backends.bus.servo_bus import Report, ServoBus
+from hexctl.backends.bus.servos import BusServos
 from hexctl.errors import RobotFaultError
 from hexctl.simulators.lx16a_servos import SimulatedLx16aServo
 from hexctl.simulators.register_servos import BusServo
 from hexctl.types import ServoReadings
-from tests.backends.bus.boards import a_map, memory_bus, servos_on
+from tests.backends.bus.boards import BoardLine, a_map, memory_bus, servos_on
 from tests.backends.fake_time import FakeTime
 from tests.backends.standing import until
+from tests.robots import shipped
 
 
 def _report(at_s: float, position: float, *, joint: int = 4, temperature_c: float = 40.0) -> Report:
@@ -339,7 +341,6 @@ STS = [
         "firmware differs, 3.10 on most servos: 3.11: leg 3 femur",
         stored(1, 11),
     ),
-    State("noise", "noise, a missing ground", faults=("noise:1",)),
 ]
 
 LX = [
@@ -389,3 +390,11 @@ def test_durations_are_not_reported_as_speeds() -> None:
     words = said("dynamixel", "xl430-w250", state)
     assert "degrees/s" not in words
     assert "set its profile register 108 from 300 ms to 0" in words
+
+
+def test_noise_between_answers_is_named_at_connect(monkeypatch: pytest.MonkeyPatch) -> None:
+    line = BoardLine(a_map(), "noise:1")
+    monkeypatch.setattr("hexctl.backends.bus.servos.SerialLine", lambda *_, **__: line)
+    robot = BusServos(shipped("phantomx"), bus_map=a_map(), port="memory", clock=line.time.clock())
+    robot._open(first=True)
+    assert "noise, a missing ground" in robot._notes[0]

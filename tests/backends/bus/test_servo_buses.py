@@ -136,20 +136,6 @@ def test_a_damaged_line_is_asked_again() -> None:
     assert 2000 <= real.number(servo.table.goal) < 2040
 
 
-def test_a_setting_behind_a_lock_goes_with_the_power() -> None:
-    servo, real = _register_servo("feetech", "sts3215")
-    table = servo.table
-    assert servo.change(table.return_delay, 0) == ""
-    real.restart()
-    assert servo.raw(table.return_delay) == 250
-    assert table.unlock is not None
-    assert servo.change(table.unlock, 0) == ""
-    assert servo.change(table.return_delay, 0) == ""
-    real.restart()
-    assert servo.raw(table.return_delay) == 0
-    assert servo.raw(table.unlock) == 1
-
-
 # Moves of LX-16A servos.
 
 MAP = a_map("lx16a", "lx16a")
