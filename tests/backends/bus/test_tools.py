@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from hexctl.backends.bus import tools
-from hexctl.backends.bus.bus_options import BusAddress, BusOptions, ServoAssignmentOptions
+from hexctl.backends.bus.bus_options import BusAddress, BusOptions, ScanOptions, ServoAssignmentOptions
 from hexctl.backends.bus.damage import Damage
 from hexctl.backends.bus.servo_bus import BusCounters
 from hexctl.backends.bus.tools import (
@@ -218,6 +218,12 @@ def test_a_bus_is_where_the_options_say_else_the_robot_file(robot: str) -> None:
     assert servo_map is not None
     assert servo_map.ids.tolist() == list(range(1, 19))
     assert BusOptions(driver="feetech", connect="x").servo_map() is None
+
+
+def test_a_scan_asks_at_one_baud_rate(robot: str) -> None:
+    for bauds, asked in ((None, (57_600,)), (115_200, (115_200,))):
+        options = ScanOptions(robot=robot, bauds=bauds)
+        assert options.bauds_at(options.address()) == asked
 
 
 def test_only_servos_that_report_no_model_are_given_one(robot: str) -> None:
