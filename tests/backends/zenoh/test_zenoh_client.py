@@ -153,7 +153,8 @@ def test_what_servos_on_a_bus_report_comes_over_the_link(tmp_path: Path) -> None
         served(tmp_path, "--robot", "phantomx", "--connect", bus.path, backend="feetech") as server,
         ZenohServos("phantomx", link=Link(endpoint=server.endpoint)) as servos,
     ):
-        state = until(servos, lambda state: "mute: leg 5 coxa (id 13)" in state.warnings, write=False)
+        mute = "mute: leg 5 coxa (id 13)"
+        state = until(servos, lambda state: mute in state.warnings, write=False, ticks=1500)
         assert state.stale_joints is not None
         assert np.flatnonzero(state.stale_joints).tolist() == [12]
         readings = state.servos
