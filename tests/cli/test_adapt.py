@@ -20,6 +20,7 @@ from hexctl.adapt.sessions.store import SessionStore, list_sessions, load_sessio
 from hexctl.cli.main import exit_code
 from hexctl.robot.configs import config_root
 from tests.adapt.walking import Landscape, result_of
+from tests.cli.conftest import Call
 
 PATIENCE_S = 90.0
 QUICK = ["adapt", "--failed-leg", "4", "--duration", "2", "--budget", "3", "--prior", "none"]
@@ -36,11 +37,12 @@ on_a_landscape = pytest.mark.usefixtures("_on_a_landscape")
 BEGUN = ["adapt", "--failed-leg", "5", "--optimizer", "random", "--no-record", "--no-baseline"]
 
 
-def run_json(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0, lines: int = 0) -> Any:
+def run_json(
+    capsys: pytest.CaptureFixture[str], call: Call, *arguments: str, code: int = 0, lines: int = 0
+) -> Any:
     """The JSON of a command, which says so many lines on stderr."""
     capsys.readouterr()
-    assert exit_code([*arguments, "--json"]) == code
-    printed = capsys.readouterr()
+    printed = call(*arguments, "--json", code=code)
     assert len(printed.err.splitlines()) == lines
     return json.loads(printed.out)
 
@@ -60,13 +62,14 @@ def course(outcome: dict[str, Any]) -> list[Any]:
 
 
 @on_a_landscape
-def test_a_finished_session_goes_on_with_another_budget(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_finished_session_goes_on_with_another_budget(
+    capsys: pytest.CaptureFixture[str], call: Call
+) -> None:
     begun = ["adapt", "--failed-leg", "5", "--optimizer", "derand", "--no-record", "--budget"]
     whole, part = run_json(capsys, *begun, "15"), run_json(capsys, *begun, "4")
     go_on = ["adapt", "--resume", part["session"], "--no-record"]
     for budget in ("4", "0", "1000000"):
-        assert exit_code([*go_on, "--budget", budget]) == 2
-        assert f"--budget: got {budget}" in capsys.readouterr().err
+        assert f"--budget: got {budget}" in call(*go_on, "--budget", budget, code=2).err
     store = SessionStore(Path("runs"))
     assert load_session(part["session"], store.folder).spec.budget == 4, "what was refused has changed it"
     longer = run_json(capsys, *go_on, "--budget", "15")
@@ -76,24 +79,26 @@ def test_a_finished_session_goes_on_with_another_budget(capsys: pytest.CaptureFi
 
 
 @on_a_landscape
-def test_a_session_that_has_met_its_target_is_left_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_session_that_has_met_its_target_is_left_as_it_is(
+    capsys: pytest.CaptureFixture[str], call: Call
+) -> None:
     words = ["adapt", "--failed-leg", "5", "--optimizer", "derand", "--no-record", "--target", "9"]
     met = run_json(capsys, *words, "--budget", "4")
     assert met["ended"] == "target"
-    assert exit_code(["adapt", "--resume", met["session"], "--no-record", "--budget", "15"]) == 0
-    assert capsys.readouterr().err.endswith("for another --target, begin a new session\n")
+    assert call("adapt --resume", met["session"], "--no-record", "--budget", "15").err.endswith(
+        "for another --target, begin a new session\n"
+    )
     assert load_session(met["session"], Path("runs")).spec.budget == 4
 
 
 def test_no_valid_trial_is_no_success(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], call: Call
 ) -> None:
     monkeypatch.setattr(TrialRunner, "walk", lambda *_: WalkedTrial(result=result_of(0.1, "fell")))
     words = ["adapt", "--failed-leg", "5", "--no-record", "--prior", "none", "--budget", "2"]
     outcome = run_json(capsys, *words, code=4)
     assert (outcome["found"], outcome["best"], outcome["ended"]) == (False, None, "budget")
-    assert exit_code(words) == 4
-    assert "no valid trial: fell" in capsys.readouterr().out
+    assert "no valid trial: fell" in call(*words, code=4).out
 
 
 @pytest.mark.slow
@@ -112,7 +117,7 @@ def test_a_session_is_not_continued_with_another_robot(capsys: pytest.CaptureFix
 
 
 def test_ctrl_c_while_a_search_is_prepared_says_that_nothing_was_recorded(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     prepare = search.new_spec
 
@@ -121,8 +126,7 @@ def test_ctrl_c_while_a_search_is_prepared_says_that_nothing_was_recorded(
         return prepare(**asked)
 
     monkeypatch.setattr(search, "new_spec", interrupted)
-    assert exit_code(QUICK) == 130
-    printed = capsys.readouterr()
+    printed = call(*QUICK, code=130)
     assert "nothing was recorded" in printed.err.splitlines()[-1]
     assert not Path("runs").exists()
 
@@ -143,7 +147,7 @@ def test_a_second_ctrl_c_says_how_to_resume(
 
 @pytest.mark.slow
 def test_sessions_are_listed_shown_exported_and_deleted(
-    searched: tuple[Path, Any], capsys: pytest.CaptureFixture[str], tmp_path: Path
+    searched: tuple[Path, Any], capsys: pytest.CaptureFixture[str], call: Call, tmp_path: Path
 ) -> None:
     import pyarrow.parquet as pq
 
@@ -153,8 +157,7 @@ def test_sessions_are_listed_shown_exported_and_deleted(
     (listed,) = run_json(capsys, "sessions", "list")
     assert (listed["session"], listed["ended"], listed["trials"]) == (name, "budget", 3)
     shown = run_json(capsys, "sessions", "show", name)["baseline"]
-    assert exit_code(["sessions", "show", name]) == 0
-    assert max(map(len, capsys.readouterr().out.splitlines()[:10])) <= 80
+    assert max(map(len, call("sessions show", name).out.splitlines()[:10])) <= 80
     for ending in ("csv", "parquet"):
         assert exit_code(["export", name, "--output", f"out.{ending}"]) == 0
     written = list(csv.DictReader(Path("out.csv").read_text().splitlines()))
@@ -174,7 +177,10 @@ def test_sessions_are_listed_shown_exported_and_deleted(
 
 @pytest.mark.slow
 def test_the_trials_that_no_other_beats(
-    searched: tuple[Path, Any], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    searched: tuple[Path, Any],
+    capsys: pytest.CaptureFixture[str],
+    call: Call,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     folder, outcome = searched
     monkeypatch.chdir(folder)
@@ -185,18 +191,13 @@ def test_the_trials_that_no_other_beats(
     assert [trial["scores"] for trial in shown["trials"]] == [
         {"speed": pytest.approx(speed), "cost": pytest.approx(cost)} for speed, cost in sorted(best)
     ]
-    assert exit_code([*show, "speed,cost"]) == 0
-    assert len(capsys.readouterr().out.splitlines()) == 2 + len(best) + 2
-    assert exit_code([*show, "speed"]) == 2
-    assert "--pareto" in capsys.readouterr().err
+    assert len(call(*show, "speed,cost").out.splitlines()) == 2 + len(best) + 2
+    assert "--pareto" in call(*show, "speed", code=2).err
 
 
 @on_a_landscape
-def test_quiet_prints_the_end_only_and_without_recordings_a_search_leaves_its_store_alone(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert exit_code([*BEGUN, "--budget", "3", "--quiet"]) == 0
-    printed = capsys.readouterr()
+def test_quiet_prints_the_end_only_and_without_recordings_a_search_leaves_its_store_alone(call: Call) -> None:
+    printed = call(*BEGUN, "--budget", "3", "--quiet")
     assert (len(printed.out.splitlines()) <= 6, printed.err) == (True, "")
     (session,) = list_sessions()
     for words in (["list"], ["show", session.name]):

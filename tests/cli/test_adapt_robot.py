@@ -20,6 +20,7 @@ from hexctl.vision.detection.camera import Camera
 from hexctl.vision.place import CameraPose
 from tests.adapt.priors import MadeUpModel, key_of, made_up_prior
 from tests.adapt.staying import PLACE
+from tests.cli.conftest import Call
 from tests.cli.kits import Kit
 from tests.cli.terminals import type_in
 from tests.vision.scenes import WEBCAM
@@ -63,12 +64,9 @@ def test_a_closed_stdin_is_refused(
 
 
 @pytest.mark.parametrize(("kit", "words"), [("Blind", "knows no position"), ("NoPort", "/dev/ttyUSB7")])
-def test_a_robot_that_cannot_be_used_leaves_no_session(
-    kit: str, words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_robot_that_cannot_be_used_leaves_no_session(kit: str, words: str, call: Call) -> None:
     backend = f"{KITS if kit == 'Blind' else 'tests.cli.kits'}:{kit}"
-    assert exit_code(["adapt", "--failed-leg", "5", "--backend", backend, *SHORT]) == 3
-    printed = capsys.readouterr()
+    printed = call("adapt --failed-leg 5 --backend", backend, *SHORT, code=3)
     assert words in printed.err.splitlines()[-1]
     assert printed.out == ""
     assert sessions() == []
@@ -190,10 +188,11 @@ TWIN += ["--no-baseline"]
 SMALL = ["--duration", "6", "--arena", "0.6", "--budget", "5", "--trim", "off"]
 
 
-def json_and_err(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0) -> tuple[Any, str]:
+def json_and_err(
+    capsys: pytest.CaptureFixture[str], call: Call, *words: str, code: int = 0
+) -> tuple[Any, str]:
     capsys.readouterr()
-    assert exit_code([*words, "--json"]) == code
-    printed = capsys.readouterr()
+    printed = call(*words, "--json", code=code)
     return json.loads(printed.out), printed.err
 
 
@@ -269,12 +268,11 @@ def test_the_arena_stays_where_it_was_after_a_kill(capsys: pytest.CaptureFixture
 
 
 def test_the_baseline_is_announced_and_walked_on_a_robot_and_asked_for_by_name(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     words = ["adapt", "--failed-leg", "5", "--backend", f"{KITS}:Blind", "--ask", "--no-record", "--json"]
     type_in(monkeypatch, "\n0.14 -0.02\n\n0.13 0.01\n\n0.12 0.03\n\n0.12 0.04\n")
-    assert exit_code([*words, "--self-rotation", "none", "--duration", "1", "--budget", "1"]) == 0
-    said = capsys.readouterr()
+    said = call(*words, "--self-rotation", "none", "--duration", "1", "--budget", "1")
     assert "baseline" in said.err
     session = json.loads(said.out)
     assert [(walk["gait"], walk["score"]) for walk in session["baseline"]] == [

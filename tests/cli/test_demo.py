@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from hexctl.cli.console import StopOnInterrupt
-from hexctl.cli.main import exit_code
 from hexctl.cli.prompts import LegPrompt
+from tests.cli.conftest import Call
 from tests.cli.terminals import type_in
 
 
@@ -19,10 +19,9 @@ def _without_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-def test_ctrl_c_ends_it(capsys: Any, monkeypatch: Any) -> None:
+def test_ctrl_c_ends_it(call: Call, monkeypatch: Any) -> None:
     monkeypatch.setattr(StopOnInterrupt, "requested", lambda _: True)
-    assert exit_code(["demo"]) == 130
-    printed = capsys.readouterr()
+    printed = call("demo", code=130)
     assert "with recovery" not in printed.out
     assert not list(Path("runs").iterdir())
 
@@ -31,11 +30,8 @@ ECHO = "tests.runs.test_run:Echo"
 
 
 @pytest.mark.slow
-def test_the_table_says_which_leg_and_why_and_a_recording_is_left(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert exit_code(["diagnose", "--failure", "5:limp:femur"]) == 0
-    printed = capsys.readouterr().out
+def test_the_table_says_which_leg_and_why_and_a_recording_is_left(tmp_path: Path, call: Call) -> None:
+    printed = call("diagnose --failure 5:limp:femur").out
     (line,) = [line for line in printed.splitlines() if line.startswith("5 ")]
     assert "limp:femur" in line
     (recording,) = (tmp_path / "runs").glob("*.rrd")
@@ -43,9 +39,8 @@ def test_the_table_says_which_leg_and_why_and_a_recording_is_left(
     assert str(recording.relative_to(tmp_path)) in printed
 
 
-def test_servos_that_echo_and_no_terminal_are_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    assert exit_code(["diagnose", "--backend", ECHO, "--no-record"]) == 0
-    printed = capsys.readouterr()
+def test_servos_that_echo_and_no_terminal_are_one_line(call: Call) -> None:
+    printed = call("diagnose --backend", ECHO, "--no-record")
     assert "not known" in printed.out
     assert len(printed.err.splitlines()) == 1
 
@@ -66,13 +61,10 @@ def test_an_input_that_ends_ends_the_questions(monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("failure", "leg"), [("5:limp", 5), ("3:weak:0.9", None)])
-def test_a_walk_finds_its_failed_leg_first(
-    failure: str, leg: int | None, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_walk_finds_its_failed_leg_first(failure: str, leg: int | None, call: Call) -> None:
     """One that is not found is still what the simulation breaks."""
     walk = ["run", "--gait", "auto", "--duration", "0.5", "--no-record", "--json", "--failed-leg", "auto"]
-    assert exit_code([*walk, "--failure", failure]) == 0
-    printed = capsys.readouterr()
+    printed = call(*walk, "--failure", failure)
     outcome = json.loads(printed.out)
     assert outcome["failed_leg"] == leg
     assert leg is not None or "leg 3 weak:0.9" in printed.err
@@ -80,13 +72,12 @@ def test_a_walk_finds_its_failed_leg_first(
 
 @pytest.mark.slow
 def test_doctor_says_what_works_and_which_settings_are_in_force_and_what_is_wrong(
-    monkeypatch: pytest.MonkeyPatch, capsys: Any
+    monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
     Path("hexctl.toml").write_text("robot = 'pexod'\nconnect = 'tls/secret.lab:7447'\n[run]\nduraton = 3\n")
     for name in ("HEXCTL_OTHERS", "HEXCTL_PRIOR_BUILD_WORLDS", "HEXCTL_RUN_DURATON"):
         monkeypatch.setenv(name, "3")
-    assert exit_code(["doctor"]) == 0
-    printed = capsys.readouterr()
+    printed = call("doctor")
     facts, _, works = printed.out.partition("\nwhat works\n")
     rows = dict(line.split("  ", 1) for line in facts.splitlines())
     assert list(rows)[:4] == ["hexctl", "python", "system", "processor"]
@@ -98,8 +89,7 @@ def test_doctor_says_what_works_and_which_settings_are_in_force_and_what_is_wron
     answers = {line.split("  ")[0]: line.split("  ", 1)[1].strip() for line in works.splitlines()}
     assert answers["simulate walks"] == "yes"
     assert all(answer == "yes" or answer.startswith("NO: ") for answer in answers.values())
-    assert exit_code(["doctor", "--json"]) == 0
-    report = json.loads(capsys.readouterr().out)
+    report = json.loads(call("doctor --json").out)
     assert report["works"]["simulate walks"] is None
     assert "HEXCTL_PRIOR_BUILD_WORLDS" in {one["key"] for one in report["settings"]["values"]}
     assert {"HEXCTL_OTHERS", "HEXCTL_RUN_DURATON"} <= {*report["settings"]["unknown"]}

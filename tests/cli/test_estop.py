@@ -20,6 +20,7 @@ from hexctl.cli.network.early_stop import begin_stop, place_of, take_stop
 from hexctl.client.stop_client import StopResult
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.wire.links import Link, load_link
+from tests.cli.conftest import Call
 from tests.server.processes import ROOT, free_port, served, wait_until
 from tests.server.test_link_faults import stopped
 
@@ -58,13 +59,12 @@ class StoppedRobot:
 
 @pytest.mark.parametrize(("kept", "echoed"), [(True, False), (False, False), (True, True)])
 def test_a_stop_says_whether_it_is_kept_and_whether_the_robot_rests(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], kept: bool, echoed: bool
+    monkeypatch: pytest.MonkeyPatch, call: Call, kept: bool, echoed: bool
 ) -> None:
     monkeypatch.setattr("hexctl.client.stop_client.ReadyStop", StoppedRobot)
     monkeypatch.setattr(StoppedRobot, "kept", kept)
     monkeypatch.setattr(StoppedRobot, "echoed", echoed)
-    assert exit_code(["estop"]) == 0
-    printed = capsys.readouterr()
+    printed = call("estop")
     assert printed.out.startswith("stopped (estop), ")
     assert ("at rest" in printed.out + printed.err) is not echoed, "its servos report no angles"
     assert ("a restart of hexctl serve ends it" in printed.err) is not kept
@@ -80,31 +80,25 @@ def test_a_stop_says_whether_it_is_kept_and_whether_the_robot_rests(
     ],
 )
 def test_a_stop_that_failed_ends_with_what_the_operator_has_to_do(
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    error: BaseException,
-    words: str,
-    code: int,
+    monkeypatch: pytest.MonkeyPatch, call: Call, error: BaseException, words: str, code: int
 ) -> None:
     def fail(_: object, **__: object) -> None:
         raise error
 
     monkeypatch.setattr("hexctl.client.stop_client.ReadyStop", StoppedRobot)
     monkeypatch.setattr(StoppedRobot, "wait_for_rest", fail)
-    assert exit_code(["estop"]) == code
-    assert capsys.readouterr().err == f"hexctl: {words}{NOT_CONFIRMED}\n"
+    assert call("estop", code=code).err == f"hexctl: {words}{NOT_CONFIRMED}\n"
 
 
 def test_a_ready_stop_that_ctrl_c_ends_says_that_it_has_stopped_nothing(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
     def interrupt(_: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("hexctl.client.stop_client.ReadyStop", StoppedRobot)
     monkeypatch.setattr(estop_command, "_wait_for_a_press", interrupt)
-    assert exit_code(["estop", "--ready"]) == 130
-    assert capsys.readouterr().err.endswith(f"{NOT_CONFIRMED}\n")
+    assert call("estop --ready", code=130).err.endswith(f"{NOT_CONFIRMED}\n")
 
 
 def test_the_command_that_clears_it_leads_to_the_same_robot(
@@ -117,7 +111,7 @@ def test_the_command_that_clears_it_leads_to_the_same_robot(
 
 
 def test_a_link_file_that_has_gone_meanwhile_is_no_error_of_a_stop(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, call: Call, tmp_path: Path
 ) -> None:
     file = tmp_path / "lab.yaml"
     file.write_text("endpoint: tcp/127.0.0.1:7448\n", encoding="utf-8")
@@ -129,17 +123,13 @@ def test_a_link_file_that_has_gone_meanwhile_is_no_error_of_a_stop(
 
     monkeypatch.setattr("hexctl.client.stop_client.ReadyStop", StoppedRobot)
     monkeypatch.setattr(StoppedRobot, "wait_for_rest", remove)
-    assert exit_code(["estop", "--link", str(file)]) == 0
-    assert "hexctl estop --clear --connect tcp/127.0.0.1:7448 when" in capsys.readouterr().out
+    assert "hexctl estop --clear --connect tcp/127.0.0.1:7448 when" in call("estop --link", str(file)).out
 
 
 @pytest.mark.slow
-def test_that_nothing_listens_is_said_while_the_robot_is_still_tried(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_that_nothing_listens_is_said_while_the_robot_is_still_tried(call: Call) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    assert exit_code(["estop", "--connect", endpoint]) == 3
-    lines = capsys.readouterr().err.splitlines()
+    lines = call("estop --connect", endpoint, code=3).err.splitlines()
     assert len(lines) == 2
     for line in lines:
         assert line.startswith(f"hexctl: nothing listens at {endpoint}; ")

@@ -15,10 +15,10 @@ from rich.console import Console
 
 from hexctl.cli.console import StopOnInterrupt, print_result
 from hexctl.cli.interrupts import NOT_CONFIRMED
-from hexctl.cli.main import exit_code
 from hexctl.cli.progress import StatusLine
 from hexctl.cli.render.tables import label_table, plain_table
 from hexctl.signals import ending_signals
+from tests.cli.conftest import Call
 from tests.cli.terminals import WITH_TERMINAL, on_terminal, wait_until_it_grows
 from tests.server.processes import ROOT, free_port
 
@@ -153,36 +153,36 @@ def interrupt(*_: object, **__: object) -> None:
 
 
 def test_a_second_ctrl_c_in_a_walk_names_the_recording(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    call: Call, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr("hexctl.runs.run.Run.walk", interrupt)
     path = tmp_path / "walk.rrd"
-    assert exit_code(["run", "--record", str(path)]) == 130
-    assert str(path) in capsys.readouterr().err
-    assert exit_code(["run", "--no-record"]) == 130
-    assert capsys.readouterr().err == "hexctl: interrupted without a soft stop\n"
-    assert exit_code(["run", "--no-record", "--backend", "mock"]) == 130
-    assert capsys.readouterr().err.endswith(f"without a soft stop. {NOT_CONFIRMED}\n")
+    assert str(path) in call("run --record", str(path), code=130).err
+    assert call("run --no-record", code=130).err == "hexctl: interrupted without a soft stop\n"
+    assert call("run --no-record --backend mock", code=130).err.endswith(
+        f"without a soft stop. {NOT_CONFIRMED}\n"
+    )
 
 
 def test_a_ctrl_c_after_a_walk_is_not_before_it(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    call: Call, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr("hexctl.runs.run.Run.__exit__", interrupt)
     path = tmp_path / "walk.rrd"
     for record, said in ((["--no-record"], ""), (["--record", str(path)], f"; recorded: {path}")):
-        assert exit_code(["run", "--duration", "0.2", *record]) == 130
-        assert capsys.readouterr().err.splitlines()[-1] == f"hexctl: interrupted after the walk{said}"
+        assert (
+            call("run --duration 0.2", *record, code=130).err.splitlines()[-1]
+            == f"hexctl: interrupted after the walk{said}"
+        )
 
 
 @pytest.mark.parametrize("command", [["run"], ["sessions", "list"]])
 def test_a_ctrl_c_that_a_command_does_not_handle_is_a_line(
-    command: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    command: list[str], call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("hexctl.runs.run.Run.__init__", interrupt)
     monkeypatch.setattr("hexctl.adapt.sessions.store.list_sessions", interrupt)
-    assert exit_code(command) == 130
-    (line,) = capsys.readouterr().err.splitlines()
+    (line,) = call(*command, code=130).err.splitlines()
     assert line.endswith("nothing was recorded") is (command == ["run"])
 
 
@@ -321,7 +321,7 @@ def test_a_walk_ends_with_a_soft_stop_and_a_whole_recording(tmp_path: Path) -> N
 
 @pytest.mark.realtime
 def test_a_search_and_a_server_end_as_by_ctrl_c(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     arguments = ("--failed-leg", "5", "--duration", "20", "--budget", "500", "--no-record")
     with on_terminal(tmp_path, *arguments, command="adapt", program=WITH_TERMINAL) as terminal:
@@ -329,8 +329,7 @@ def test_a_search_and_a_server_end_as_by_ctrl_c(
         terminal.close()
         assert terminal.code() == 130
     monkeypatch.chdir(tmp_path)
-    assert exit_code(["sessions", "list", "--json"]) == 0
-    assert len(json.loads(capsys.readouterr().out)) == 1
+    assert len(json.loads(call("sessions list --json").out)) == 1
     served = ("--backend", "mock", "--listen", f"tcp/127.0.0.1:{free_port()}")
     with on_terminal(tmp_path, *served, command="serve", program=WITH_TERMINAL) as terminal:
         terminal.wait("serving|listens|at tcp")

@@ -13,6 +13,7 @@ from hexctl.cli.console import flag_of, in_flags
 from hexctl.cli.entry import MAY_HANG
 from hexctl.cli.main import exit_code
 from hexctl.errors import InputError, argument
+from tests.cli.conftest import Call
 
 HEAVY = (
     *("mujoco", "dm_control", "rerun", "numpy", "pydantic", "yaml", "scipy", "pymavlink", "serial"),
@@ -68,9 +69,8 @@ def test_a_robots_computer_needs_no_extras() -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_version(capsys: pytest.CaptureFixture[str]) -> None:
-    assert exit_code(["--version"]) == 0
-    assert capsys.readouterr().out.startswith("hexctl 0.")
+def test_version(call: Call) -> None:
+    assert call("--version").out.startswith("hexctl 0.")
 
 
 TLS = "--connect tls/127.0.0.1:9"
@@ -114,14 +114,11 @@ PATH_LINES = (
 
 
 @pytest.mark.parametrize("line", PATH_LINES)
-def test_a_path_that_no_system_has_is_refused_in_one_line(
-    line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_path_that_no_system_has_is_refused_in_one_line(line: str, tmp_path: Path, call: Call) -> None:
     # A port that is not there is a fault of the robot.
     fault = "--connect {}" in line
     path = "x" * 5000 if len(line) % 2 else "a/" * 2500 + "x"
-    assert exit_code([word.format(path) for word in line.split()]) == (3 if fault else 2)
-    printed = capsys.readouterr()
+    printed = call(*[word.format(path) for word in line.split()], code=3 if fault else 2)
     assert printed.out == ""
     assert len(printed.err.splitlines()) == 1
     assert not [found for found in tmp_path.rglob("*") if found.is_file()]
@@ -129,11 +126,10 @@ def test_a_path_that_no_system_has_is_refused_in_one_line(
 
 @pytest.mark.parametrize("arguments", ["sessions show", "sessions delete --yes", "view", "check", "export"])
 def test_names_that_are_no_utf_8_are_refused_in_one_printable_line(
-    arguments: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arguments: str, tmp_path: Path, call: Call
 ) -> None:
     (tmp_path / "runs").mkdir()
-    assert exit_code([*arguments.split(), os.fsdecode(b"caf\xe9\n")]) == 2
-    line = capsys.readouterr().err
+    line = call(*arguments.split(), os.fsdecode(b"caf\xe9\n"), code=2).err
     assert len(line.splitlines()) == 1
     line.encode("utf-8")
 
@@ -161,12 +157,11 @@ def test_a_full_disk_is_a_fault_whatever_was_to_be_written(
     ],
 )
 def test_a_file_in_place_of_the_runs_is_named(
-    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    command: str, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     Path("taken").touch()
     monkeypatch.setenv("HEXCTL_RUNS", "taken")
-    assert exit_code(command.split()) == 2
-    printed = capsys.readouterr()
+    printed = call(command, code=2)
     assert (printed.out, "taken is a file, not a folder" in printed.err) == ("", True)
 
 
@@ -180,18 +175,13 @@ def test_a_file_in_place_of_the_runs_is_named(
     ],
 )
 def test_a_folder_that_may_not_be_written_to_comes_with_a_next_step(
-    command: str,
-    next_step: str,
-    there: bool,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    command: str, next_step: str, there: bool, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if there:
         Path("runs").mkdir()
     may = os.access
     monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK | os.X_OK and may(path, mode))
-    assert exit_code(command.split()) == 2
-    printed = capsys.readouterr()
+    printed = call(command, code=2)
     assert (printed.out, next_step in printed.err, "runs/" in printed.err) == ("", True, True)
 
 

@@ -9,12 +9,13 @@ import pytest
 import typer
 
 from hexctl.cli.grouped_help import MOST_UNGROUPED
-from hexctl.cli.main import COMMANDS, app, exit_code
+from hexctl.cli.main import COMMANDS, app
 from hexctl.cli.suggestions import SYNONYMS
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.options import Option, Range
 from hexctl.robot.configs import config_names
 from hexctl.robot.failure import FAILURE_KINDS
+from tests.cli.conftest import Call
 
 #: What an option or argument that takes a number says about it.
 RANGE = re.compile(r"\d\.\.\d|or more|above 0|any finite number")
@@ -76,7 +77,7 @@ def outside(allowed: Range) -> list[float]:
 
 @EVERY
 def test_every_range_of_a_field_is_read_and_refused_beyond_with_its_flag(
-    path: str, command: Any, capsys: pytest.CaptureFixture[str]
+    path: str, command: Any, call: Call
 ) -> None:
     flags = {flag for one in command.params for flag in one.opts}
     for option in fields_of(command):
@@ -89,20 +90,20 @@ def test_every_range_of_a_field_is_read_and_refused_beyond_with_its_flag(
         field = math.radians(good) if option.range.degrees else good
         assert context.params[option.name] == pytest.approx(field)
         for bad in outside(option.range):
-            assert exit_code([*path.split()[1:], f"--{option.flag}", f"{bad:.15g}"]) == 2
-            assert capsys.readouterr().err.startswith(f"hexctl: --{option.flag}: got ")
+            assert call(*path.split()[1:], f"--{option.flag}", f"{bad:.15g}", code=2).err.startswith(
+                f"hexctl: --{option.flag}: got "
+            )
 
 
 @EVERY
-def test_what_is_no_number_or_no_choice_is_refused_with_its_flag(
-    path: str, command: Any, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_no_number_or_no_choice_is_refused_with_its_flag(path: str, command: Any, call: Call) -> None:
     for parameter in typed_options(command.params):
         bad = ["x", "nan"] if is_number(parameter) else []
         bad += ["no-such-word"] if get_origin(parameter.type_descriptor.annotation) is Literal else []
         for value in bad:
-            assert exit_code([*path.split()[1:], parameter.opts[0], value]) == 2
-            assert capsys.readouterr().err.startswith(f"hexctl: {parameter.opts[0]}: got ")
+            assert call(*path.split()[1:], parameter.opts[0], value, code=2).err.startswith(
+                f"hexctl: {parameter.opts[0]}: got "
+            )
 
 
 def test_names_in_help_texts_are_those_that_exist() -> None:
@@ -125,26 +126,23 @@ LONG = {path: options for path, options in with_groups() if len({*options} - {"h
 
 
 @pytest.mark.parametrize("path", LONG)
-def test_a_long_command_shows_its_options_in_groups(path: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_long_command_shows_its_options_in_groups(path: str, call: Call) -> None:
     flag = "--help-all" if "help-all" in LONG[path] else "--help"
-    assert exit_code([*path.split()[1:], flag]) == 0
-    shown = re.findall(r"^([\w ]+):$", capsys.readouterr().out, re.MULTILINE)
+    shown = re.findall(r"^([\w ]+):$", call(*path.split()[1:], flag).out, re.MULTILINE)
     assert len(shown) == len(set(shown)) > 1
     assert "Options" not in shown
 
 
-def test_help_leaves_out_what_help_all_shows(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_leaves_out_what_help_all_shows(call: Call) -> None:
     for flag, shown in (("--help", False), ("--help-all", True)):
-        assert exit_code(["run", flag]) == 0
-        printed = capsys.readouterr().out
+        printed = call("run", flag).out
         assert "--gait" in printed
         assert ("--swing-share" in printed) is shown
 
 
 @pytest.mark.parametrize("asked", [["-h"], ["help"], ["run", "-h"], ["help", "sim", "board"]])
-def test_help_is_asked_for_in_any_usual_way(asked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert exit_code(asked) == 0
-    assert "Usage: hexctl" in capsys.readouterr().out
+def test_help_is_asked_for_in_any_usual_way(asked: list[str], call: Call) -> None:
+    assert "Usage: hexctl" in call(*asked).out
 
 
 @pytest.mark.parametrize(
@@ -158,11 +156,8 @@ def test_help_is_asked_for_in_any_usual_way(asked: list[str], capsys: pytest.Cap
         *((words, None) for words in ("xyzzy", "rm", "run xyzzy", "estop phantomx")),
     ],
 )
-def test_what_may_have_been_meant_is_proposed(
-    words: str, meant: str | None, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert exit_code(words.split()) == 2
-    said = capsys.readouterr().err
+def test_what_may_have_been_meant_is_proposed(words: str, meant: str | None, call: Call) -> None:
+    said = call(words, code=2).err
     assert ("did you mean" in said.lower()) is (meant is not None)
     assert meant is None or meant in said
 

@@ -17,6 +17,7 @@ from hexctl.cli.main import exit_code
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.study.priors.prior_building import PriorPlan
 from tests.adapt.priors import MadeUpModel, MadeUpWorld, made_up_prior, made_up_score_prior
+from tests.cli.conftest import Call
 
 pytestmark = pytest.mark.slow
 
@@ -41,11 +42,10 @@ def prior() -> str:
     return "x.npz"
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[Any, str]:
+def run(capsys: pytest.CaptureFixture[str], call: Call, *arguments: str) -> tuple[Any, str]:
     """The JSON of a command and what it said on stderr."""
     capsys.readouterr()
-    assert exit_code([*arguments, "--json"]) == 0
-    printed = capsys.readouterr()
+    printed = call(*arguments, "--json")
     return json.loads(printed.out), printed.err
 
 
@@ -160,7 +160,7 @@ def test_a_session_does_not_go_on_with_another_prior(prior: str, capsys: pytest.
 
 
 def test_a_prior_under_a_hold_is_built_with_the_trials_of_its_sessions(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], call: Call
 ) -> None:
     plans: list[PriorPlan] = []
 
@@ -174,8 +174,7 @@ def test_a_prior_under_a_hold_is_built_with_the_trials_of_its_sessions(
     found = [(plan.hold, plan.self_rotation, plan.key.posture) for plan in plans]
     assert found == [("line", "none", "auto"), ("heading", "rear", "auto")]
     capsys.readouterr()
-    assert exit_code(["prior", "show", "ant-locked-none-30s-line-leg2"]) == 0
-    assert "hold line" in capsys.readouterr().out
+    assert "hold line" in call("prior show ant-locked-none-30s-line-leg2").out
 
 
 @pytest.mark.parametrize(("leg", "raised"), [(5, STAND_UP), (4, 0.0)])
@@ -224,18 +223,13 @@ def test_without_a_prior_that_fits_it_says_so_and_searches_at_random(
 
 @pytest.mark.parametrize(("folder", "option"), [("priors", ()), ("repertoires", ("--repertoire",))])
 def test_a_damaged_file_is_named_with_an_exit_code_of_its_own(
-    folder: str,
-    option: tuple[str, ...],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    folder: str, option: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
     monkeypatch.chdir(tmp_path)
     path = Path("runs", folder, "bad.npz")
     path.parent.mkdir(parents=True)
     path.write_bytes(b"broken")
-    assert exit_code(["prior", "show", *option]) == 3
-    shown = capsys.readouterr()
+    shown = call("prior show", *option, code=3)
     assert str(path) in shown.err
     assert "ant" in shown.out
     assert exit_code(["prior", "show", *option, str(path)]) == 2

@@ -7,6 +7,7 @@ import pytest
 
 from hexctl.cli.main import exit_code
 from hexctl.robot.configs import config_root
+from tests.cli.conftest import Call
 
 #: Command lines, and what the message names.
 REFUSED = """
@@ -185,12 +186,9 @@ def files() -> dict[Path, int]:
 
 
 @pytest.mark.parametrize(("line", "named"), CASES, ids=[line for line, _ in CASES])
-def test_it_is_refused_in_one_line_that_names_the_option(
-    line: str, named: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_it_is_refused_in_one_line_that_names_the_option(line: str, named: str, call: Call) -> None:
     before = files()
-    assert exit_code(shlex.split(line)) == 2
-    printed = capsys.readouterr()
+    printed = call(*shlex.split(line), code=2)
     assert printed.out == ""
     assert len(printed.err.splitlines()) == 1
     assert named in printed.err

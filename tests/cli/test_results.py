@@ -6,7 +6,6 @@ import shutil
 import signal
 import urllib.request
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +18,7 @@ from hexctl.recording import viewer
 from hexctl.recording.viewer import viewer_binary
 from hexctl.runs.run import run
 from tests.adapt.walking import SPEC, result_of
+from tests.cli.conftest import Call
 from tests.recording.made_up import damaged_recordings
 from tests.server.processes import TIMEOUT_S, Program, controlling, hexctl, program, served, wait_until
 
@@ -81,7 +81,7 @@ def table_of(overview: Path) -> str:
 
 
 def test_a_damaged_trial_is_named_by_every_command_with_one_exit_code(
-    capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+    call: Call, caplog: pytest.LogCaptureFixture
 ) -> None:
     name, other = session(3), session(2)
     path = Path("runs", name, "session.jsonl")
@@ -89,8 +89,7 @@ def test_a_damaged_trial_is_named_by_every_command_with_one_exit_code(
     path.write_text("\n".join([*lines[:2], "broken", *lines[3:], ""]))
     shown = ["list"], ["show", name], ["compare", name, other]
     for command in (*[["sessions", *words] for words in shown], ["export", name, "--to", "csv"]):
-        assert exit_code(command) == 3
-        (said,) = capsys.readouterr().err.splitlines()
+        (said,) = call(*command, code=3).err.splitlines()
         assert said.startswith(f"hexctl: session {name}: damaged at line 3 of session.jsonl")
     exit_code(["adapt", "--resume", name, "--budget", "3"])
     assert [record.getMessage().count("line 3") for record in caplog.records] == [1]
@@ -110,11 +109,10 @@ def test_without_a_name_the_newest_is_opened_session_or_recording() -> None:
 
 
 @pytest.mark.parametrize("name", ["nobody", "runs", "gone.rrd", "a-file"])
-def test_what_cannot_be_opened_is_said_in_one_line(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_opened_is_said_in_one_line(name: str, call: Call) -> None:
     known = session(1)
     Path("a-file").touch()
-    assert exit_code(["view", name]) == 2
-    error = capsys.readouterr().err
+    error = call("view", name, code=2).err
     assert error.count("\n") == 1
     assert name in error
     assert (known in error) == (name in ("nobody", "runs"))
@@ -189,13 +187,12 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [(), ("--web",)])
 def test_a_damaged_recording_is_named_before_anything_is_shown(
-    options: tuple[str, ...], walk: Path, tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
+    options: tuple[str, ...], walk: Path, tmp_path: Path, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     damaged = tmp_path / "damaged.rrd"
     damaged.write_bytes(damaged_recordings()[0])
     monkeypatch.setattr(viewer, "viewer_binary", viewer_binary)
-    assert exit_code(["view", str(walk), str(damaged), *options]) == 2
-    told = capsys.readouterr().err
+    told = call("view", str(walk), str(damaged), *options, code=2).err
     assert told.startswith(f"hexctl: recording: {damaged} is damaged")
     assert told.count("\n") == 1
 
@@ -225,26 +222,26 @@ def test_walks_open_as_one_scene_and_with_sessions(walk: Path) -> None:
     assert [Path(path).name for path in opened()] == ["1-a.rrd", "overview.rrd"]
 
 
-def test_without_sessions_and_trials_there_is_nothing_to_view(capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_sessions_and_trials_there_is_nothing_to_view(
+    capsys: pytest.CaptureFixture[str], call: Call
+) -> None:
     for words in (["nobody"], []):
         assert exit_code(["view", *words]) == 2
     assert not Path("runs").exists()
     name = session(0)
     capsys.readouterr()
-    assert exit_code(["view", name]) == 2
-    assert f"adapt --resume {name}" in capsys.readouterr().err
+    assert f"adapt --resume {name}" in call("view", name, code=2).err
 
 
 @pytest.mark.slow
-def test_it_prints_where_the_output_lies(walk: Path, capsys: Any) -> None:
+def test_it_prints_where_the_output_lies(walk: Path, call: Call) -> None:
     for arguments, path in (
         (["ant", "--to", "urdf"], "ant.urdf"),
         (["ant", "--ros2-control", "-o", "a.urdf"], "a.urdf"),
         ([str(walk), "-o", "table.csv"], "table.csv"),
         ([str(walk), "-o", "walk.mcap"], "walk.mcap"),
     ):
-        assert exit_code(["export", *arguments]) == 0
-        said = capsys.readouterr()
+        said = call("export", *arguments)
         assert said.out == f"{path}\n"
         assert ("not measured, which the new file does not show: servo" in said.err) == ("ant" in arguments)
         assert Path(path).stat().st_size > 1000

@@ -14,14 +14,14 @@ from hexctl.robot.configs import config_names, config_root
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.loader import load_robot
 from tests.backends.mavlink.boards import fitting_file
+from tests.cli.conftest import Call
 from tests.recording.conftest import ReadBack
 from tests.robot.meshmaking import stl_box
 from tests.robots import edited_file, put, shipped
 
 
-def check_json(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> dict[str, Any]:
-    assert exit_code(["check", *arguments, "--json"]) == code
-    report: dict[str, Any] = json.loads(capsys.readouterr().out)
+def check_json(call: Call, *arguments: str, code: int = 0) -> dict[str, Any]:
+    report: dict[str, Any] = json.loads(call("check", *arguments, "--json", code=code).out)
     return report
 
 
@@ -38,27 +38,22 @@ def test_the_demand_of_the_papers_robot(capsys: pytest.CaptureFixture[str]) -> N
     assert report["max_pace_hz"] > 0.9
 
 
-def test_the_verdict_is_first_in_a_short_answer_and_the_joints_are_verbose(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_verdict_is_first_in_a_short_answer_and_the_joints_are_verbose(call: Call) -> None:
     robot = "ant"
-    assert exit_code(["check", robot]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = call("check", robot).out.splitlines()
     assert lines[0].startswith(f"{robot} can walk this gait")
     assert len(lines) <= 12
     assert max(map(len, lines)) <= 80
     assert not [line for line in lines if "leg6_tibia" in line]
-    assert exit_code(["check", robot, "--verbose"]) == 0
-    verbose = capsys.readouterr().out.splitlines()
+    verbose = call("check", robot, "--verbose").out.splitlines()
     assert verbose[0] == lines[0]
     assert set(lines[:-1]) < set(verbose)
     assert [line for line in verbose if line.startswith("leg6_tibia")]
 
 
-def test_assumed_limits_and_every_verdict_are_in_a_short_answer(tmp_path: Path, capsys: Any) -> None:
+def test_assumed_limits_and_every_verdict_are_in_a_short_answer(tmp_path: Path, call: Call) -> None:
     unknown = ["joints.femur.max_torque_nm", "joints.tibia.max_speed_deg_s"]
-    assert exit_code(["check", str(edited_file(tmp_path, put("unknown", unknown)))]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = call("check", str(edited_file(tmp_path, put("unknown", unknown)))).out.splitlines()
     assert lines[1].startswith("torque and speed of joints are assumed (`unknown` in the file)")
     verdicts = {"reach", "range", "speed", "torque", "legs", "sag", "heat"}
     assert verdicts <= {line.partition(":")[0] for line in lines}
@@ -105,12 +100,11 @@ def test_whether_ranges_and_gait_fit_the_servos(
 
 
 @pytest.mark.slow
-def test_which_legs_may_be_lost_is_printed_by_verdict(capsys: pytest.CaptureFixture[str]) -> None:
+def test_which_legs_may_be_lost_is_printed_by_verdict(capsys: pytest.CaptureFixture[str], call: Call) -> None:
     sets = check_json(capsys, "pexod", "--leg-sets", "--heading", "0")["leg_sets"]
     assert [len(one["legs"]) for one in sets] == [1] * 6 + [2] * 15 + [3] * 20
     assert {one["verdict"] for one in sets if len(one["legs"]) == 3} == {"no gait"}
-    assert exit_code(["check", "pexod", "--leg-sets", "--heading", "0"]) == 0
-    printed = capsys.readouterr().out
+    printed = call("check pexod --leg-sets --heading 0").out
     for legs in ("1 leg ", "2 legs", "3 legs"):
         assert f"without {legs}" in printed
 
@@ -118,24 +112,22 @@ def test_which_legs_may_be_lost_is_printed_by_verdict(capsys: pytest.CaptureFixt
 PHANTOMX = Path(__file__).parents[1] / "data" / "phantomx_humarobotics.urdf"
 
 
-def test_a_robot_file_is_made_and_what_to_measure_is_told(tmp_path: Path, capsys: Any) -> None:
+def test_a_robot_file_is_made_and_what_to_measure_is_told(tmp_path: Path, call: Call) -> None:
     mine = tmp_path / "mine.yaml"
     arguments = ["robot", "import", str(PHANTOMX), "--foot", "0,0.13,0", "--name", "mine", "-o", str(mine)]
-    assert exit_code(arguments) == 0
-    file, *measure, following = capsys.readouterr().out.splitlines()
+    file, *measure, following = call(*arguments).out.splitlines()
     assert file == str(mine)
     assert any(line.startswith("  body.size_m: ") for line in measure)
     assert following.endswith(f"hexctl check --robot {mine}")
     assert load_robot(mine).name == "mine"
     own = [*arguments[:-3], "pexod", "-o", str(tmp_path / "own.yaml")]
-    assert exit_code(own) == 0
-    assert "pexod is also a shipped robot" in capsys.readouterr().err
+    assert "pexod is also a shipped robot" in call(*own).err
     before = mine.read_text()
     assert exit_code(arguments) == 2
     assert mine.read_text() == before
 
 
-def test_what_is_wrong_is_told_in_one_line(tmp_path: Path, capsys: Any) -> None:
+def test_what_is_wrong_is_told_in_one_line(tmp_path: Path, call: Call) -> None:
     urdf, mine = tmp_path / "ant.urdf", str(tmp_path / "mine.yaml")
     urdf.write_text(urdf_of(shipped()))
     for arguments, named in (
@@ -147,15 +139,13 @@ def test_what_is_wrong_is_told_in_one_line(tmp_path: Path, capsys: Any) -> None:
         ([str(urdf), "-o", mine, "--name", "Not A Name"], "--name"),
         ([mine, "-o", mine], mine),
     ):
-        assert exit_code(["robot", "import", *arguments]) == 2
-        (line,) = capsys.readouterr().err.splitlines()
+        (line,) = call("robot import", *arguments, code=2).err.splitlines()
         assert line.startswith(f"hexctl: {named}: ")
     assert [path.name for path in tmp_path.iterdir()] == ["ant.urdf"]
 
 
-def test_shipped_robots_are_listed_and_copied(tmp_path: Path, capsys: Any) -> None:
-    assert exit_code(["robot", "list", "--json"]) == 0
-    names = json.loads(capsys.readouterr().out)
+def test_shipped_robots_are_listed_and_copied(tmp_path: Path, capsys: Any, call: Call) -> None:
+    names = json.loads(call("robot list --json").out)
     assert set(names) == set(config_names("robots"))
     mine = tmp_path / "mine.yaml"
     for code in (0, 2):  # nothing is replaced
@@ -166,12 +156,10 @@ def test_shipped_robots_are_listed_and_copied(tmp_path: Path, capsys: Any) -> No
     assert not (tmp_path / "other.yaml").exists()
 
 
-def test_names_of_gaits_and_worlds_are_those_that_options_take(capsys: Any) -> None:
-    assert exit_code(["gaits", "--json"]) == 0
-    for name, slots in json.loads(capsys.readouterr().out).items():
+def test_names_of_gaits_and_worlds_are_those_that_options_take(call: Call) -> None:
+    for name, slots in json.loads(call("gaits --json").out).items():
         assert list(make_gait(shipped(), name).slots) == slots
-    assert exit_code(["worlds", "--json"]) == 0
-    for name, text in json.loads(capsys.readouterr().out).items():
+    for name, text in json.loads(call("worlds --json").out).items():
         assert load_world(name.replace("NUMBER", "3")) is not None
         assert text.endswith(".")
 

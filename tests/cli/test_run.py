@@ -17,6 +17,7 @@ from hexctl.cli.render.run_output import summary
 from hexctl.recording import recording
 from hexctl.recording.recorded_trial import read_trial
 from hexctl.recording.rrd import ROOM_BYTES
+from tests.cli.conftest import Call
 from tests.cli.kits import Kit
 from tests.cli.terminals import on_terminal, wait_until_it_grows
 from tests.vision.test_place import saved
@@ -30,18 +31,14 @@ PATIENCE_S = 60.0
 KITS = "tests.cli.kits"
 
 
-def run_json(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> dict[str, Any]:
-    assert exit_code([*arguments, "--json"]) == code
-    printed = capsys.readouterr()
+def run_json(call: Call, *arguments: str, code: int = 0) -> dict[str, Any]:
+    printed = call(*arguments, "--json", code=code)
     assert printed.err == ""
     return _strict(printed.out)
 
 
-def test_the_summary_says_how_it_went_and_how_to_look(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert exit_code(["run", "--duration", "2", "--gait", "tripod"]) == 0
-    printed = capsys.readouterr().out
+def test_the_summary_says_how_it_went_and_how_to_look(tmp_path: Path, call: Call) -> None:
+    printed = call("run --duration 2 --gait tripod").out
     (recording,) = (tmp_path / "runs").iterdir()
     for word in ("slots 1,4,1,4,1,4", "off line", "status     ok", f"hexctl view runs/{recording.name}"):
         assert word in printed
@@ -91,11 +88,10 @@ def test_a_robot_that_cannot_be_reached_is_one_line_and_leaves_nothing(
 
 @pytest.mark.parametrize("command", ["run", "diagnose"])
 def test_ctrl_c_before_the_first_command_commands_nothing_and_leaves_nothing(
-    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    command: str, tmp_path: Path, call: Call
 ) -> None:
     path = tmp_path / "walk.rrd"
-    assert exit_code([command, "--backend", f"{KITS}:Interrupting", "--record", str(path)]) == 130
-    printed = capsys.readouterr()
+    printed = call(command, "--backend", f"{KITS}:Interrupting", "--record", str(path), code=130)
     assert printed.out == ""
     _one_line(printed.err)
     assert [(made.closed, len(made.sent)) for made in Kit.made] == [(1, 0)]
@@ -124,27 +120,20 @@ def test_a_recording_that_fails_costs_neither_the_walk_nor_its_result(
     assert "no space\\nleft" in _one_line(printed.err)
 
 
-def test_a_robot_without_a_pose_at_the_start_says_why_it_holds_nothing(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_a_robot_without_a_pose_at_the_start_says_why_it_holds_nothing(call: Call, tmp_path: Path) -> None:
     world = tmp_path / "blind.yaml"
     world.write_text("lost_poses: 0.95\n", encoding="utf-8")
     options = ["run", "--no-record", "--duration", "0.2", "--world", str(world), "--seed", "1"]
-    assert exit_code([*options, "--json"]) == 0
-    outcome = _strict(capsys.readouterr().out)
+    outcome = _strict(call(*options, "--json").out)
     assert (outcome["hold"], outcome["hold_caveat"]) == ("none", ANY)
 
 
-def test_the_best_gait_is_told_and_walked_and_where_none_is_known_that_is_said(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_best_gait_is_told_and_walked_and_where_none_is_known_that_is_said(call: Call) -> None:
     words = ["run", "--gait", "best", "--duration", "1", "--no-record", "--json"]
-    assert exit_code([*words, "--failed-leg", "2"]) == 0
-    printed = capsys.readouterr()
+    printed = call(*words, "--failed-leg", "2")
     assert json.loads(printed.out)["hold"] == "line"
     assert "ant-locked-none-30s-line.npz" in printed.err
-    assert exit_code([*words, "--failure", "2:missing"]) == 2
-    assert "--gait" in _one_line(capsys.readouterr().err)
+    assert "--gait" in _one_line(call(*words, "--failure", "2:missing", code=2).err)
 
 
 def test_a_self_rotation_without_a_failed_leg_is_said_to_change_nothing(
@@ -156,32 +145,25 @@ def test_a_self_rotation_without_a_failed_leg_is_said_to_change_nothing(
 
 
 @pytest.mark.slow
-def test_a_leg_dies_and_the_text_says_what_was_noticed_and_done(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_leg_dies_and_the_text_says_what_was_noticed_and_done(call: Call) -> None:
     walk = ["run", "--gait", "tripod", "--failure", "5:locked@3", "--duration", "5", "--no-record"]
-    assert exit_code(walk) == 0
-    said = capsys.readouterr().out
+    said = call(*walk).out
     assert "failed     leg 5 locked at 3 s" in said
     assert "detected   leg 5 locked at 3." in said
     assert "changed to slots" in said
-    assert exit_code([*walk, "--policy", "stop"]) == 4
-    said = capsys.readouterr().out
+    said = call(*walk, "--policy", "stop", code=4).out
     assert "stopped" in said
     assert "aborted (leg 5 locked)" in said
-    assert exit_code([*walk, "--policy", "walk-on"]) == 0
-    said = capsys.readouterr().out
+    said = call(*walk, "--policy", "walk-on").out
     assert "walked on" in said
     assert "next: the same with --policy glide" in said
 
 
 @pytest.mark.slow
-def test_a_walk_that_came_nowhere_without_a_leg_proposes_the_stable_gait(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_walk_that_came_nowhere_without_a_leg_proposes_the_stable_gait(call: Call) -> None:
     asked = ["--failure", "2:limp,5:locked", "--duration", "4", "--no-record"]
-    assert exit_code(["run", *asked]) == 0
-    assert "next: the same with --gait auto" in capsys.readouterr().out
-    assert exit_code(["run", *asked, "--gait", "auto"]) == 0
-    assert "--gait auto" not in capsys.readouterr().out
+    assert "next: the same with --gait auto" in call("run", *asked).out
+    assert "--gait auto" not in call("run", *asked, "--gait", "auto").out
 
 
 def test_a_walk_without_a_leg_that_is_slow_or_misses_its_line_names_the_next_step(
@@ -315,9 +297,8 @@ def test_servos_in_the_current_folder_are_found_by_the_program_that_is_installed
 WALK = ["run", "--gait", "tripod", "--duration", "6", "--no-record", "--json"]
 
 
-def walked(capsys: pytest.CaptureFixture[str], *more: str) -> dict[str, Any]:
-    assert exit_code([*WALK, *more]) == 0
-    outcome: dict[str, Any] = json.loads(capsys.readouterr().out)
+def walked(call: Call, *more: str) -> dict[str, Any]:
+    outcome: dict[str, Any] = json.loads(call(*WALK, *more).out)
     return outcome
 
 
@@ -332,8 +313,8 @@ def test_a_walk_ends_softly_inside_the_circle_around_its_start(capsys: pytest.Ca
     assert walked(capsys, "--arena", str(2 * free["distance_m"]))["status"] == "ok"
 
 
-def test_the_floor_of_a_simulation_is_none_that_a_camera_sees(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert exit_code([*WALK, "--arena", str(saved(tmp_path))]) == 2
-    assert "with --backend sim; allowed: a radius, or another --backend" in capsys.readouterr().err
+def test_the_floor_of_a_simulation_is_none_that_a_camera_sees(tmp_path: Path, call: Call) -> None:
+    assert (
+        "with --backend sim; allowed: a radius, or another --backend"
+        in call(*WALK, "--arena", str(saved(tmp_path)), code=2).err
+    )

@@ -24,6 +24,7 @@ from hexctl.waiting import wait_for
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.pose import decode_pose
 from hexctl.wire.zenoh_session import open_session
+from tests.cli.conftest import Call
 from tests.server.processes import free_port, hexctl_process, program, served
 from tests.vision import scenes
 from tests.vision.test_place import PLACE, saved
@@ -83,7 +84,7 @@ def _compare(endpoint: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_camera_that_is_not_there_is_a_fault(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_camera_that_is_not_there_is_a_fault(tmp_path: Path, call: Call) -> None:
     place, url = str(saved(tmp_path)), f"http://127.0.0.1:{free_port()}/"
     for words, named in (
         (["latency", "--camera", url, "--place", place], url),
@@ -91,8 +92,7 @@ def test_a_camera_that_is_not_there_is_a_fault(tmp_path: Path, capsys: pytest.Ca
         (["--camera", "63", "--no-link"], "/dev/video63"),
         (["--camera", "63", "--no-link", "--place", place], "/dev/video63"),
     ):
-        assert exit_code(["see", *words]) == 3
-        assert named in capsys.readouterr().err
+        assert named in call("see", *words, code=3).err
 
 
 @pytest.mark.slow

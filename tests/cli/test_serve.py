@@ -17,12 +17,13 @@ from hexctl.cli.network.status_command import status_rows, status_table
 from hexctl.server.serve_options import ServedOptions
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import CLEAR_COMMAND, Link
+from tests.cli.conftest import Call
 from tests.server.processes import RECORDED, free_port, hexctl, program, served
 
 
 @pytest.mark.realtime
 def test_a_view_without_a_viewers_certificate_is_refused_before_anything_is_served(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, call: Call
 ) -> None:
     make_certificates(tmp_path / "keys", hosts=["localhost"], days=1)
     options = (
@@ -32,8 +33,7 @@ def test_a_view_without_a_viewers_certificate_is_refused_before_anything_is_serv
         "--keys",
         str(tmp_path / "keys" / "robot"),
     )
-    assert exit_code(["serve", "--backend", "mock", *options]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert len(call("serve --backend mock", *options, code=2).err.splitlines()) == 1
 
 
 @pytest.mark.realtime
@@ -48,7 +48,7 @@ def test_an_address_that_is_taken_is_said_in_one_line(capsys: pytest.CaptureFixt
 @pytest.mark.realtime
 @pytest.mark.parametrize("method", ["connect", "read"])
 def test_own_servos_that_raise_end_it_as_a_fault_in_one_line(
-    method: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    method: str, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
     def broken(*_: object) -> None:
         raise ZeroDivisionError("no such register")
@@ -59,8 +59,7 @@ def test_own_servos_that_raise_end_it_as_a_fault_in_one_line(
     setattr(Driver, method, broken)
     monkeypatch.setattr("tests.server.recorded.RecordedServos", Driver)
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    assert exit_code(["serve", "--backend", RECORDED, "--listen", endpoint]) == 3
-    (*_, line) = capsys.readouterr().err.splitlines()
+    (*_, line) = call("serve --backend", RECORDED, "--listen", endpoint, code=3).err.splitlines()
     assert line.endswith(f"Driver.{method} raised ZeroDivisionError: no such register")
 
 
@@ -78,13 +77,12 @@ def test_it_ends_softly_when_asked(tmp_path: Path, number: signal.Signals) -> No
 @pytest.mark.realtime
 @pytest.mark.parametrize("json_option", [(), ("--json",)])
 def test_a_stop_whose_fault_is_still_there_is_not_cleared(
-    json_option: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    json_option: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
     answer = {"stopped": "fault: no power", "robot": "ant", "backend": "mock"}
     robots = SimpleNamespace(clear=lambda **_: [answer], link=Link())
     monkeypatch.setattr("hexctl.client.remote.remote_robots", lambda *_, **__: nullcontext(robots))
-    assert exit_code(["estop", "--clear", *json_option]) == 3
-    printed = capsys.readouterr().out
+    printed = call("estop --clear", *json_option, code=3).out
     assert "fault: no power" in printed
     assert ("not cleared, it is still stopped" in printed) is not bool(json_option)
 

@@ -12,6 +12,7 @@ from typer.core import TyperGroup
 from hexctl.cli.main import app, exit_code
 from hexctl.cli.settings import FOLLOWERS, TYPED_ONLY, SettingsCommand
 from hexctl.settings import COMMON
+from tests.cli.conftest import Call
 from tests.cli.test_options import commands
 from tests.server.processes import free_port, program
 
@@ -39,9 +40,8 @@ def defaults(*words: str) -> dict[str, Any]:
     }
 
 
-def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
-    assert exit_code(words) == 2
-    printed = capsys.readouterr()
+def refused(words: list[str], call: Call) -> str:
+    printed = call(*words, code=2)
     assert printed.out == ""
     assert len(printed.err.splitlines()) == 1
     return printed.err.removeprefix("hexctl: ").rstrip("\n")
@@ -114,10 +114,9 @@ def test_paths_begin_at_the_folder_of_the_file(tmp_path: Path, monkeypatch: pyte
     assert defaults("adapt")["prior"] == str(tmp_path / "prior.npz")
 
 
-def test_an_error_of_the_library_names_the_place_too(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_error_of_the_library_names_the_place_too(call: Call) -> None:
     write("robot = 'bob'")
-    assert exit_code(["check"]) == 2
-    said, error = capsys.readouterr().err.splitlines()
+    said, error = call("check", code=2).err.splitlines()
     assert said == "hexctl: hexctl.toml sets --robot bob"
     assert "'bob'" in error
 
@@ -131,10 +130,9 @@ def test_help_is_there_whatever_is_wrong(capsys: pytest.CaptureFixture[str]) -> 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("text", ["robot = [", "keys = 3\n[estop]\nclear = true"])
-def test_a_stop_is_asked_for_whatever_is_wrong(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_stop_is_asked_for_whatever_is_wrong(text: str, call: Call) -> None:
     write(text)
-    assert exit_code(["estop", "--connect", "tcp/127.0.0.1:1"]) == 3
-    *told, early, last = capsys.readouterr().err.splitlines()
+    *told, early, last = call("estop --connect tcp/127.0.0.1:1", code=3).err.splitlines()
     assert all(line.startswith("hexctl: nothing listens at tcp/127.0.0.1:1") for line in (early, last))
     assert told
     assert all(line.startswith("hexctl: hexctl.toml: ") for line in told)
@@ -263,12 +261,11 @@ def test_variables_are_checked_likewise(
 
 @pytest.mark.slow
 def test_a_walk_follows_its_settings_and_keeps_runs_where_they_say(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
     write("robot = 'pexod'\nruns = 'out'\nbackend = 'mock'\n[run]\nduration = 0.2\njson = true\n")
     monkeypatch.setenv("HEXCTL_RUN_GAIT", "tripod")
-    assert exit_code(["run"]) == 0
-    printed = capsys.readouterr()
+    printed = call("run")
     outcome = json.loads(printed.out)
     assert (outcome["robot"], outcome["gait"]["name"]) == ("pexod", "tripod")
     assert outcome["duration_s"] == pytest.approx(0.2, abs=0.021)
@@ -283,19 +280,15 @@ def test_a_walk_follows_its_settings_and_keeps_runs_where_they_say(
 
 
 @pytest.mark.realtime
-def test_a_process_serves_and_others_find_and_stop_it_by_one_file(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_process_serves_and_others_find_and_stop_it_by_one_file(tmp_path: Path, call: Call) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     write(f"robot = 'lukas'\nlisten = '{endpoint}'\nconnect = '{endpoint}'\n[serve]\nbackend = 'mock'\n")
     with program(
         tmp_path, "robot", "hexctl", "serve", HEXCTL_SETTINGS=str(tmp_path / "hexctl.toml")
     ) as robot:
         robot.wait_for(f"serving lukas (mock) at {endpoint},")
-        assert exit_code(["status", "--json"]) == 0
-        assert json.loads(capsys.readouterr().out)["robot"] == "lukas"
+        assert json.loads(call("status --json").out)["robot"] == "lukas"
         write(f"connect = '{endpoint}'\nrobt = 1\n")
-        assert exit_code(["estop", "--json"]) == 0
-        stopped = capsys.readouterr()
+        stopped = call("estop --json")
         assert json.loads(stopped.out)["stopped"]
         assert "robt" in stopped.err

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from hexctl.cli.main import exit_code
 from tests.backends.mavlink.boards import PATIENCE_S, board
+from tests.cli.conftest import Call
 from tests.server.processes import free_port
 
 
@@ -44,15 +44,12 @@ def test_it_says_where_it_is_and_ends_with_ctrl_c(tmp_path: Path) -> None:
         ("pca9685", None, "ant"),
     ],
 )
-def test_a_walk_goes_through_a_simulated_bus(
-    bus: str, model: str | None, robot: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_walk_goes_through_a_simulated_bus(bus: str, model: str | None, robot: str, call: Call) -> None:
     """A pseudo-terminal, and a socket for i2c."""
     models = ("--model", model) if model else ()
     with board("--bus", bus, *models, "--backend", "mock", "--robot", robot) as running:
         words = ["--robot", robot, "--duration", "1", "--no-record", "--json"]
-        assert exit_code(["run", "--backend", bus, "--connect", running.port, *words]) == 0
-        assert json.loads(capsys.readouterr().out)["status"] == "ok"
+        assert json.loads(call("run --backend", bus, "--connect", running.port, *words).out)["status"] == "ok"
         report = running.end()
     assert report["goals"] > 50
     assert not report.get("torn")
@@ -62,11 +59,10 @@ def test_a_walk_goes_through_a_simulated_bus(
 
 
 @pytest.mark.realtime
-def test_servos_of_another_driver_do_not_answer(capsys: pytest.CaptureFixture[str]) -> None:
+def test_servos_of_another_driver_do_not_answer(call: Call) -> None:
     with board("--bus", "dynamixel", "--model", "ax12a", "--backend", "mock", "--robot", "phantomx") as made:
         words = ["--robot", "phantomx", "--duration", "1", "--no-record", "--json"]
-        assert exit_code(["run", "--backend", "dynamixel", "--connect", made.port, *words]) == 3
-        assert "/dev/pts/" in capsys.readouterr().err
+        assert "/dev/pts/" in call("run --backend dynamixel --connect", made.port, *words, code=3).err
         assert made.end()["packets"] == 0
 
 
@@ -78,11 +74,13 @@ def test_servos_of_another_driver_do_not_answer(capsys: pytest.CaptureFixture[st
         ("unplug@4", "Remote I/O error"),
     ],
 )
-def test_what_happens_to_boards_on_an_i2c_bus_is_said(
-    fault: str, message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_happens_to_boards_on_an_i2c_bus_is_said(fault: str, message: str, call: Call) -> None:
     with board("--bus", "pca9685", "--backend", "mock", "--robot", "ant", "--fault", fault) as running:
         words = ["--robot", "ant", "--duration", "60", "--no-record", "--json"]
-        assert exit_code(["run", "--backend", "pca9685", "--connect", running.port, *words]) == 3
-        assert message in json.loads(capsys.readouterr().out)["stopped"]
+        assert (
+            message
+            in json.loads(call("run --backend pca9685 --connect", running.port, *words, code=3).out)[
+                "stopped"
+            ]
+        )
         running.end()

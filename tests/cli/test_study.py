@@ -5,25 +5,21 @@ from pathlib import Path
 
 import pytest
 
-from hexctl.cli.main import exit_code
+from tests.cli.conftest import Call
 
 pytestmark = pytest.mark.long
 
 TINY = ["study", "--legs", "2", "--duration", "0.2", "--runs", "2", "--budget", "5", "--optimizers", "random"]
 
 
-def test_a_study_from_end_to_end_and_again_from_the_cache(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert exit_code([*TINY, "--out", "first", "--json"]) == 0
-    first = capsys.readouterr()
+def test_a_study_from_end_to_end_and_again_from_the_cache(tmp_path: Path, call: Call) -> None:
+    first = call(*TINY, "--out", "first", "--json")
     outcome = json.loads(first.out)
     assert outcome["legs"] == [2]
     assert len(outcome["claims"]) == 12
     assert Path(outcome["report"]).read_text(encoding="utf-8").startswith("<!doctype html>")
     assert json.loads((tmp_path / "first" / "study.json").read_text()) == outcome
-    assert exit_code(TINY) == 0
-    again = capsys.readouterr()
+    again = call(*TINY)
     assert again.err.count("from the cache") == 2
     (report,) = Path("runs").glob("study-2*/report.html")
     assert f"report: {report}" in again.out
@@ -34,19 +30,15 @@ def test_a_study_from_end_to_end_and_again_from_the_cache(
 SHORT = ["study", "--hold", "--legs", "2", "--failure", "limp", "--worlds", "1", "--duration", "0.2"]
 
 
-def test_holds_are_compared_from_end_to_end_and_again_from_the_cache(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert exit_code([*SHORT, "--world", "transfer,real", "--jobs", "1", "--out", "first", "--json"]) == 0
-    first = capsys.readouterr()
+def test_holds_are_compared_from_end_to_end_and_again_from_the_cache(tmp_path: Path, call: Call) -> None:
+    first = call(*SHORT, "--world", "transfer,real", "--jobs", "1", "--out", "first", "--json")
     outcome = json.loads(first.out)
     assert (outcome["families"], outcome["first_world"], outcome["walks"]) == (["transfer", "real"], 250, 12)
     assert outcome["sensors"]["lost_poses"] == 0.05
     assert json.loads((tmp_path / "first" / "holds.json").read_text()) == outcome
     assert "ant, transfer:250 (plain): 6 walks" in first.err
 
-    assert exit_code([*SHORT, "--holds", "none,line"]) == 0
-    again = capsys.readouterr()
+    again = call(*SHORT, "--holds", "none,line")
     assert "ant, transfer:250 (plain): from the cache" in again.err
     (report,) = Path("runs").glob("study-2*/holds.html")
     assert again.out.endswith(f"report: {report}\n")
@@ -56,12 +48,9 @@ def test_holds_are_compared_from_end_to_end_and_again_from_the_cache(
 BROKEN = ["study", "--recovery", "--legs", "2,5", "--failure", "limp", "--worlds", "1", "--runs", "1"]
 
 
-def test_recovery_is_measured_from_end_to_end_and_again_from_the_cache(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_recovery_is_measured_from_end_to_end_and_again_from_the_cache(tmp_path: Path, call: Call) -> None:
     short = [*BROKEN, "--duration", "12", "--world", "transfer"]
-    assert exit_code([*short, "--jobs", "1", "--out", "first", "--json"]) == 0
-    first = capsys.readouterr()
+    first = call(*short, "--jobs", "1", "--out", "first", "--json")
     outcome = json.loads(first.out)
     assert (outcome["families"], outcome["first_world"], outcome["walks"]) == (["transfer"], 470, 10 + 9)
     assert outcome["sensors"]["lost_poses"] == 0.05
@@ -69,8 +58,7 @@ def test_recovery_is_measured_from_end_to_end_and_again_from_the_cache(
     assert "ant, line, transfer:470" in first.err
     assert "ant, hexaheal, flat:0 (flat): 9 walks" in first.err
 
-    assert exit_code([*short, "--methods", "nothing,recover", "--protocols", "line"]) == 0
-    again = capsys.readouterr()
+    again = call(*short, "--methods", "nothing,recover", "--protocols", "line")
     assert "from the cache" in again.err
     (report,) = Path("runs").glob("study-2*/recovery.html")
     assert again.out.endswith(f"report: {report}\n")
