@@ -10,10 +10,10 @@ import numpy as np
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, RobotState
 from tests.cli.kits import Kit
+from tests.cli.kits import NoPort as NoPort
 
 #: In the walk of the second trial, where each settles for 1 s, walks for 1 s and stops for 2 s.
 IN_TRIAL_2_S = 5.5
-
 
 #: How far the joints of some robots stay behind.
 SAG_RAD = math.radians(1.0)
@@ -47,21 +47,6 @@ class FallsStanding(Sagging):
     def read(self) -> RobotState:
         if self.sent:
             self.lean(85.0)
-        return super().read()
-
-
-class EStopStanding(Sagging):
-    """Is stopped by its own guard as soon as it stands up."""
-
-    def read(self) -> RobotState:
-        return replace(super().read(), stopped="estop" if self.sent else None)
-
-
-class FaultStanding(Sagging):
-    """Reports a fault as soon as it stands up."""
-
-    def read(self) -> RobotState:
-        self.healthy = not self.sent
         return super().read()
 
 

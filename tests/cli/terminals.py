@@ -39,6 +39,28 @@ def type_in(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
     monkeypatch.setattr(sys, "stdin", os.fdopen(reading))
 
 
+def run_program(program: str, *arguments: str, **variables: str) -> "subprocess.CompletedProcess[str]":
+    """Run a program of `python -c` to its end."""
+    return subprocess.run(
+        [sys.executable, "-c", program, *arguments],
+        env={**os.environ, **variables},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+#: A program whose files may have so many bytes, and the words of hexctl.
+FULL_DISK = """
+import resource, signal, sys
+from hexctl.cli.main import exit_code
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), int(sys.argv[1])))
+sys.exit(exit_code(sys.argv[2:]))
+"""
+
+
 class OnTerminal:
     """A process whose terminal the test holds the other end of.
 

@@ -7,8 +7,6 @@ import json
 import os
 import shutil
 import signal
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +14,13 @@ import pytest
 
 from hexctl.adapt import search
 from hexctl.adapt.runner import TrialRunner, WalkedTrial
-from hexctl.adapt.sessions.store import SessionStore, list_sessions, load_session
+from hexctl.adapt.sessions.store import list_sessions, load_session
 from hexctl.cli.main import exit_code
 from hexctl.robot.configs import config_root
 from tests.adapt.walking import Landscape, result_of
 from tests.cli.conftest import Call
+from tests.cli.terminals import FULL_DISK, run_program
 
-PATIENCE_S = 90.0
 QUICK = ["adapt", "--failed-leg", "4", "--duration", "2", "--budget", "3", "--prior", "none"]
 QUICK += ["--target", "1e-9"]
 
@@ -35,16 +33,6 @@ def _on_a_landscape(monkeypatch: pytest.MonkeyPatch) -> None:
 
 on_a_landscape = pytest.mark.usefixtures("_on_a_landscape")
 BEGUN = ["adapt", "--failed-leg", "5", "--optimizer", "random", "--no-record", "--no-baseline"]
-
-
-def run_json(
-    capsys: pytest.CaptureFixture[str], call: Call, *arguments: str, code: int = 0, lines: int = 0
-) -> Any:
-    """The JSON of a command, which says so many lines on stderr."""
-    capsys.readouterr()
-    printed = call(*arguments, "--json", code=code)
-    assert len(printed.err.splitlines()) == lines
-    return json.loads(printed.out)
 
 
 @pytest.fixture(scope="module")
@@ -62,57 +50,49 @@ def course(outcome: dict[str, Any]) -> list[Any]:
 
 
 @on_a_landscape
-def test_a_finished_session_goes_on_with_another_budget(
-    capsys: pytest.CaptureFixture[str], call: Call
-) -> None:
+def test_a_finished_session_goes_on_with_another_budget(call: Call) -> None:
     begun = ["adapt", "--failed-leg", "5", "--optimizer", "derand", "--no-record", "--budget"]
-    whole, part = run_json(capsys, *begun, "15"), run_json(capsys, *begun, "4")
+    whole, part = call(*begun, "15", "--json").json, call(*begun, "4", "--json").json
     go_on = ["adapt", "--resume", part["session"], "--no-record"]
-    for budget in ("4", "0", "1000000"):
+    for budget in ("4", "1000000"):
         assert f"--budget: got {budget}" in call(*go_on, "--budget", budget, code=2).err
-    store = SessionStore(Path("runs"))
-    assert load_session(part["session"], store.folder).spec.budget == 4, "what was refused has changed it"
-    longer = run_json(capsys, *go_on, "--budget", "15")
+    assert load_session(part["session"]).spec.budget == 4, "what was refused has changed it"
+    longer = call(*go_on, "--budget", "15", "--json").json
     assert (longer["budget"], longer["ended"]) == (15, "budget")
     assert course(longer) == course(whole)
-    assert run_json(capsys, *go_on, lines=1)["trials"] == longer["trials"]
+    assert call(*go_on, "--json").json["trials"] == longer["trials"]
 
 
 @on_a_landscape
-def test_a_session_that_has_met_its_target_is_left_as_it_is(
-    capsys: pytest.CaptureFixture[str], call: Call
-) -> None:
+def test_a_session_that_has_met_its_target_is_left_as_it_is(call: Call) -> None:
     words = ["adapt", "--failed-leg", "5", "--optimizer", "derand", "--no-record", "--target", "9"]
-    met = run_json(capsys, *words, "--budget", "4")
+    met = call(*words, "--budget", "4", "--json").json
     assert met["ended"] == "target"
     assert call("adapt --resume", met["session"], "--no-record", "--budget", "15").err.endswith(
         "for another --target, begin a new session\n"
     )
-    assert load_session(met["session"], Path("runs")).spec.budget == 4
+    assert load_session(met["session"]).spec.budget == 4
 
 
-def test_no_valid_trial_is_no_success(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], call: Call
-) -> None:
+def test_no_valid_trial_is_no_success(monkeypatch: pytest.MonkeyPatch, call: Call) -> None:
     monkeypatch.setattr(TrialRunner, "walk", lambda *_: WalkedTrial(result=result_of(0.1, "fell")))
     words = ["adapt", "--failed-leg", "5", "--no-record", "--prior", "none", "--budget", "2"]
-    outcome = run_json(capsys, *words, code=4)
+    outcome = call(*words, "--json", code=4).json
     assert (outcome["found"], outcome["best"], outcome["ended"]) == (False, None, "budget")
     assert "no valid trial: fell" in call(*words, code=4).out
 
 
 @pytest.mark.slow
-def test_a_session_is_not_continued_with_another_robot(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_session_is_not_continued_with_another_robot(call: Call) -> None:
     text = (config_root() / "robots" / "ant.yaml").read_text()
     Path("mine.yaml").write_text(text)
-    outcome = run_json(capsys, *QUICK, "--robot", "./mine.yaml", "--no-record")
+    outcome = call(*QUICK, "--robot", "./mine.yaml", "--no-record", "--json").json
     Path("mine.yaml").write_text(text.replace("mass_kg: 0.100", "mass_kg: 0.200"))
-    assert exit_code(["adapt", "--resume", outcome["session"], "--budget", "40"]) == 2
-    store = SessionStore(Path("runs"))
-    assert load_session(outcome["session"], store.folder).spec.budget == outcome["budget"]
-    assert "robot ./mine.yaml" in capsys.readouterr().err
+    refused = call("adapt --resume", outcome["session"], "--budget", "40", code=2)
+    assert "robot ./mine.yaml" in refused.err
+    assert load_session(outcome["session"]).spec.budget == outcome["budget"]
     Path("mine.yaml").write_text(text)
-    again = run_json(capsys, "adapt", "--resume", outcome["session"], "--no-record", lines=1)
+    again = call("adapt --resume", outcome["session"], "--no-record", "--json").json
     assert course(again) == course(outcome)
 
 
@@ -131,35 +111,33 @@ def test_ctrl_c_while_a_search_is_prepared_says_that_nothing_was_recorded(
     assert not Path("runs").exists()
 
 
-def test_a_second_ctrl_c_says_how_to_resume(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_second_ctrl_c_says_how_to_resume(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(*_: object) -> WalkedTrial:
         for _again in range(2):
             os.kill(os.getpid(), signal.SIGINT)
         raise AssertionError("not interrupted")
 
     monkeypatch.setattr(TrialRunner, "walk", interrupted)
-    assert exit_code(QUICK) == 130
+    err = call(*QUICK, code=130).err
     (session,) = list_sessions()
-    assert capsys.readouterr().err.endswith(f"hexctl adapt --resume {session.name}\n")
+    assert err.endswith(f"hexctl adapt --resume {session.name}\n")
 
 
 @pytest.mark.slow
 def test_sessions_are_listed_shown_exported_and_deleted(
-    searched: tuple[Path, Any], capsys: pytest.CaptureFixture[str], call: Call, tmp_path: Path
+    searched: tuple[Path, Any], call: Call, tmp_path: Path
 ) -> None:
     import pyarrow.parquet as pq
 
     folder, outcome = searched
     shutil.copytree(folder / "runs", tmp_path / "runs")
     name = outcome["session"]
-    (listed,) = run_json(capsys, "sessions", "list")
+    (listed,) = call("sessions list --json").json
     assert (listed["session"], listed["ended"], listed["trials"]) == (name, "budget", 3)
-    shown = run_json(capsys, "sessions", "show", name)["baseline"]
+    shown = call("sessions", "show", name, "--json").json["baseline"]
     assert max(map(len, call("sessions show", name).out.splitlines()[:10])) <= 80
     for ending in ("csv", "parquet"):
-        assert exit_code(["export", name, "--output", f"out.{ending}"]) == 0
+        call("export", name, "--output", f"out.{ending}")
     written = list(csv.DictReader(Path("out.csv").read_text().splitlines()))
     for rows in (written, pq.read_table("out.parquet").to_pylist()):
         assert len(rows) == 3
@@ -170,22 +148,19 @@ def test_sessions_are_listed_shown_exported_and_deleted(
                 assert float(row[f"{head}_deviation_m"]) == walk["deviation_m"]["signed"]
                 assert float(row[f"{head}_distance_m"]) == walk["distance_m"]
                 assert row[f"{head}_status"] == walk["status"]
-    assert exit_code(["export", name, "--output", "out.csv"]) == 2
-    assert exit_code(["sessions", "delete", name, "--yes"]) == 0
-    assert run_json(capsys, "sessions", "list") == []
+    call("export", name, "--output", "out.csv", code=2)
+    call("sessions delete --yes", name)
+    assert call("sessions list --json").json == []
 
 
 @pytest.mark.slow
 def test_the_trials_that_no_other_beats(
-    searched: tuple[Path, Any],
-    capsys: pytest.CaptureFixture[str],
-    call: Call,
-    monkeypatch: pytest.MonkeyPatch,
+    searched: tuple[Path, Any], call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder, outcome = searched
     monkeypatch.chdir(folder)
     show = ["sessions", "show", outcome["session"], "--pareto"]
-    shown = run_json(capsys, *show, "speed,cost")
+    shown = call(*show, "speed,cost", "--json").json
     pairs = [(2.0 / trial["distance_m"], trial["cost_of_transport"]) for trial in outcome["trials"]]
     best = [one for one in pairs if not any(a <= one[0] and b <= one[1] and (a, b) != one for a, b in pairs)]
     assert [trial["scores"] for trial in shown["trials"]] == [
@@ -201,39 +176,22 @@ def test_quiet_prints_the_end_only_and_without_recordings_a_search_leaves_its_st
     assert (len(printed.out.splitlines()) <= 6, printed.err) == (True, "")
     (session,) = list_sessions()
     for words in (["list"], ["show", session.name]):
-        assert exit_code(["sessions", *words]) == 0
+        call("sessions", *words)
         assert [str(path) for path in Path("runs").rglob("*.*")] == [f"runs/{session.name}/session.jsonl"]
-
-
-FULL_DISK = """
-import resource, signal, sys
-from hexctl.cli.main import exit_code
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
-words = "adapt --failed-leg 5 --budget 60 --duration 2.5 --prior none --trim off"
-sys.exit(exit_code([*words.split(), *sys.argv[1:]]))
-"""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("recorded", [True, False])
-def test_a_full_disk_ends_in_one_line_and_loses_no_kept_trial(
-    recorded: bool, capsys: pytest.CaptureFixture[str]
-) -> None:
-    options = ["--json"] if recorded else ["--json", "--no-record"]
-    done = subprocess.run(
-        [sys.executable, "-c", FULL_DISK, *options],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=False,
-    )
+def test_a_full_disk_ends_in_one_line_and_loses_no_kept_trial(recorded: bool, call: Call) -> None:
+    words = "adapt --failed-leg 5 --budget 60 --duration 2.5 --prior none --trim off --json"
+    options = [] if recorded else ["--no-record"]
+    done = run_program(FULL_DISK, "30000", *words.split(), *options)
     assert done.returncode == 3, done.stderr
     (session,) = list_sessions()
     assert done.stderr.endswith(f"continue with: hexctl adapt --resume {session.name}\n")
     if recorded:
         assert len(session.trials) == len(json.loads(done.stdout)["trials"])
         more = ["--budget", "1", "--no-record"]
-        assert len(run_json(capsys, "adapt", "--resume", session.name, *more)["trials"]) == 1
+        assert len(call("adapt --resume", session.name, *more, "--json").json["trials"]) == 1
     else:
         assert session.trials

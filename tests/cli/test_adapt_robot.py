@@ -1,6 +1,5 @@
 """`hexctl adapt` on real robots, without resets: refusals, stops, prompts, and resuming after each."""
 
-import json
 import os
 import signal
 import subprocess
@@ -14,15 +13,15 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.prior.prior import Prior, save_prior
-from hexctl.adapt.sessions.store import SessionStore, load_session, stored_names
-from hexctl.cli.main import exit_code
+from hexctl.adapt.sessions.store import load_session, stored_names
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.place import CameraPose
 from tests.adapt.priors import MadeUpModel, key_of, made_up_prior
 from tests.adapt.staying import PLACE
-from tests.cli.conftest import Call
+from tests.cli.conftest import Call, Printed
 from tests.cli.kits import Kit
 from tests.cli.terminals import type_in
+from tests.server.processes import ROOT
 from tests.vision.scenes import WEBCAM
 from tests.vision.test_place import PLACE as SEEN
 from tests.vision.test_place import saved
@@ -30,87 +29,74 @@ from tests.vision.test_place import saved
 pytestmark = pytest.mark.slow
 
 KITS = "tests.cli.adaptkits"
-ROOT = Path(__file__).parents[3]
 PATIENCE_S = 90.0
 
 #: Trials whose times are known: no self-rotation, one second of walk.
 USUAL = {"--self-rotation": "none", "--duration": "1", "--budget": "3", "--trim": "off"}
-SHORT = ["--no-record", "--no-baseline", *(word for pair in USUAL.items() for word in pair)]
+UNRECORDED = "adapt --failed-leg 5 --no-record --no-baseline --backend"
 
 
-def adapt(kit: str, *more: str) -> int:
-    usual = [word for pair in USUAL.items() if pair[0] not in more for word in pair]
-    fixed = ["--failed-leg", "5", "--backend", f"{KITS}:{kit}", "--no-record", "--no-baseline"]
-    return exit_code(["adapt", *fixed, *usual, *more])
+@pytest.fixture
+def adapt(call: Call) -> Call:
+    """Search with a kit, with options that differ from the usual ones."""
 
+    def adapted(kit: str, *more: str, code: int = 0) -> Printed:
+        usual = [word for pair in USUAL.items() if pair[0] not in more for word in pair]
+        return call(UNRECORDED, f"{KITS}:{kit}", *usual, *more, code=code)
 
-def sessions() -> list[str]:
-    store = SessionStore(Path("runs"))
-    return stored_names(store.folder)
+    return adapted
 
 
 def trials_of(name: str) -> list[tuple[int, str]]:
-    store = SessionStore(Path("runs"))
-    return [(trial.index, trial.outcome["status"]) for trial in load_session(name, store.folder).trials]
+    return [(trial.index, trial.outcome["status"]) for trial in load_session(name).trials]
 
 
-def test_a_closed_stdin_is_refused(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_closed_stdin_is_refused(adapt: Call, monkeypatch: pytest.MonkeyPatch) -> None:
     with Path(os.devnull).open() as closed:
         monkeypatch.setattr(sys, "stdin", closed)
-        assert adapt("Blind", "--ask") == 2
-    assert "--ask" in capsys.readouterr().err
+        assert "--ask" in adapt("Blind", "--ask", code=2).err
 
 
 @pytest.mark.parametrize(("kit", "words"), [("Blind", "knows no position"), ("NoPort", "/dev/ttyUSB7")])
-def test_a_robot_that_cannot_be_used_leaves_no_session(kit: str, words: str, call: Call) -> None:
-    backend = f"{KITS if kit == 'Blind' else 'tests.cli.kits'}:{kit}"
-    printed = call("adapt --failed-leg 5 --backend", backend, *SHORT, code=3)
+def test_a_robot_that_cannot_be_used_leaves_no_session(kit: str, words: str, adapt: Call) -> None:
+    printed = adapt(kit, code=3)
     assert words in printed.err.splitlines()[-1]
     assert printed.out == ""
-    assert sessions() == []
+    assert stored_names(Path("runs")) == []
     assert [made.closed for made in Kit.made] == [1]
 
 
-STOPS = [
-    ("FallsOnce", 4, ["stopped: fell"], [(1, "ok"), (2, "fell")]),
-    ("EStopped", 4, ["stopped: estop"], [(1, "ok")]),
-    ("Faulty", 3, ["stopped: fault"], [(1, "ok")]),
-    ("Unplugged", 3, ["link"], [(1, "ok")]),
-]
-
-
-@pytest.mark.parametrize(("kit", "code", "words", "kept"), STOPS, ids=[stop[0] for stop in STOPS])
+@pytest.mark.parametrize(
+    ("kit", "code", "reason", "kept"),
+    [
+        ("FallsOnce", 4, "stopped: fell", [(1, "ok"), (2, "fell")]),
+        ("EStopped", 4, "stopped: estop", [(1, "ok")]),
+        ("Faulty", 3, "stopped: fault", [(1, "ok")]),
+        ("Unplugged", 3, "link", [(1, "ok")]),
+    ],
+)
 def test_a_robot_that_stops_ends_the_session_and_it_goes_on_later(
-    kit: str,
-    code: int,
-    words: list[str],
-    kept: list[tuple[int, str]],
-    capsys: pytest.CaptureFixture[str],
+    kit: str, code: int, reason: str, kept: list[tuple[int, str]], adapt: Call, call: Call
 ) -> None:
-    assert adapt(kit, "--json") == code
-    printed = capsys.readouterr()
-    (name,) = sessions()
+    printed = adapt(kit, "--json", code=code)
+    (name,) = stored_names(Path("runs"))
     line = printed.err.splitlines()[-1]
-    for word in [*words, f"hexctl adapt --resume {name}"]:
-        assert word in line
+    assert reason in line
+    assert f"hexctl adapt --resume {name}" in line
     assert trials_of(name) == kept
-    outcome = json.loads(printed.out)
-    assert (outcome["ended"], len(outcome["trials"])) == ("stopped", len(kept))
+    assert (printed.json["ended"], len(printed.json["trials"])) == ("stopped", len(kept))
     assert [made.closed for made in Kit.made] == [1], "one connection for all trials"
-    assert exit_code(["adapt", "--resume", name, "--trust", "--no-record"]) == 0
+    call("adapt --trust --no-record --resume", name)
     assert trials_of(name) == [*kept, *((index, "ok") for index in range(len(kept) + 1, 4))]
 
 
 MEASURED = "\n0.14 -0.02\n\nabout a metre\n20 0\n0.13,0.01\n\nagain\n\nfell\n"
 
 
-def test_an_operator_measures(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_operator_measures(adapt: Call, monkeypatch: pytest.MonkeyPatch) -> None:
     type_in(monkeypatch, MEASURED)
-    assert adapt("Blind", "--ask", "--json") == 0
-    printed = capsys.readouterr()
-    outcome = json.loads(printed.out)
+    printed = adapt("Blind", "--ask", "--json")
+    outcome = printed.json
     ends = [(trial["distance_m"], trial["deviation_m"]["signed"]) for trial in outcome["trials"]]
     assert ends == [(0.14, -0.02), (0.13, 0.01), (None, None)]
     assert [trial["status"] for trial in outcome["trials"]] == ["ok", "ok", "fell"]
@@ -122,48 +108,39 @@ def test_an_operator_measures(capsys: pytest.CaptureFixture[str], monkeypatch: p
 
 
 @pytest.mark.parametrize("last", ["quit\n", "\nquit\n", ""])
-def test_who_quits_can_go_on(
-    last: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_quits_can_go_on(last: str, adapt: Call, call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
     type_in(monkeypatch, "\n0.14 0.1\n\nskip\n" + last)
-    assert adapt("Blind", "--ask") == 130
-    (name,) = sessions()
+    out = adapt("Blind", "--ask", code=130).out
+    (name,) = stored_names(Path("runs"))
     assert trials_of(name) == [(1, "ok"), (2, "cut_short")]
-    assert f"--resume {name}" in capsys.readouterr().out
+    assert f"--resume {name}" in out
     type_in(monkeypatch, "\n0.13 0.0\n")
-    assert exit_code(["adapt", "--resume", name, "--trust", "--no-record"]) == 0
+    call("adapt --trust --no-record --resume", name)
     assert trials_of(name)[2] == (3, "ok")
 
 
 @pytest.mark.parametrize(
-    ("kit", "hold", "rotation", "said", "unsaid"),
+    ("kit", "hold", "rotation", "pointing", "blind"),
     [
-        ("Blind", "heading", "rear", ("leg 5 pointing back", "--hold none"), ()),
-        ("Blind", "none", "front", ("leg 5 pointing ahead",), ("--hold none",)),
-        ("Straight", "heading", "rear", (), ("--hold none",)),
+        ("Blind", "heading", "rear", "leg 5 pointing back", True),
+        ("Blind", "none", "front", "leg 5 pointing ahead", False),
+        ("Straight", "heading", "rear", "", False),
     ],
 )
 def test_who_puts_it_down_is_told_how_and_whether_its_yaw_is_known(
-    kit: str,
-    hold: str,
-    rotation: str,
-    said: tuple[str, ...],
-    unsaid: tuple[str, ...],
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    kit: str, hold: str, rotation: str, pointing: str, blind: bool, adapt: Call, monkeypatch: Any
 ) -> None:
     monkeypatch.setattr("hexctl.adapt.reset_free.YAW_COMES_S", 0.0)
     type_in(monkeypatch, "quit\n")
-    assert adapt(kit, "--ask", "--trim", "auto", "--hold", hold, "--self-rotation", rotation) == 130
-    told = capsys.readouterr().err
-    assert all(word in told for word in said)
-    assert not any(word in told for word in unsaid)
+    options = ("--trim", "auto", "--hold", hold, "--self-rotation", rotation)
+    told = adapt(kit, "--ask", *options, code=130).err
+    assert pointing in told
+    assert ("--hold none" in told) is blind
 
 
 def test_ctrl_c_ends_a_question() -> None:
-    words = ["adapt", "--failed-leg", "5", "--backend", f"{KITS}:Blind", *SHORT, "--ask"]
     process = subprocess.Popen(
-        [sys.executable, "-m", "hexctl", *words],
+        [sys.executable, "-m", "hexctl", *UNRECORDED.split(), f"{KITS}:Blind", "--trim", "off", "--ask"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -183,60 +160,50 @@ def test_ctrl_c_ends_a_question() -> None:
     assert b"hexctl adapt --resume" in printed
 
 
-TWIN = ["adapt", "--failed-leg", "5", "--backend", "tests.adapt.staying:StayingSim", "--no-record"]
-TWIN += ["--no-baseline"]
+TWIN = [*UNRECORDED.split(), "tests.adapt.staying:StayingSim"]
 SMALL = ["--duration", "6", "--arena", "0.6", "--budget", "5", "--trim", "off"]
 
 
-def json_and_err(
-    capsys: pytest.CaptureFixture[str], call: Call, *words: str, code: int = 0
-) -> tuple[Any, str]:
-    capsys.readouterr()
-    printed = call(*words, "--json", code=code)
-    return json.loads(printed.out), printed.err
-
-
 @pytest.mark.long
-def test_a_twin_is_led_to_the_circle_that_a_camera_sees(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_twin_is_led_to_the_circle_that_a_camera_sees(call: Call) -> None:
     """It begins outside, and ends within."""
     middle = np.array([1.0, 0.8])
     camera = Camera.looking(WEBCAM, np.array([-0.2, 0.8, 1.3]), np.array([*middle, 0.0]))
     place = saved(Path.cwd(), replace(SEEN, camera=CameraPose.of(camera)))
-    outcome, err = json_and_err(capsys, *TWIN, "--duration", "6", "--arena", str(place), *SMALL[-4:])
+    printed = call(*TWIN, *SMALL[:2], *SMALL[-4:], "--arena", str(place), "--json")
+    outcome = printed.json
     home, radius_m = np.array(outcome["home_m"]), outcome["arena_m"]
-    assert f"{radius_m:g} m" in err
+    assert f"{radius_m:g} m" in printed.err
     assert 0.4 < radius_m < np.hypot(*home), "it began outside"
     assert len(outcome["trials"]) == 5
     assert np.hypot(*(np.load(PLACE)["qpos"][:2] - home)) < radius_m + 0.15
 
 
-@pytest.mark.parametrize(("kit", "code", "words"), [
-    ("FallsStanding", 4, ["stopped: fell"]),
-    ("EStopStanding", 4, ["stopped: estop"]),
-    ("FaultStanding", 3, ["stopped: fault"]),
-    ("InterruptedConnecting", 130, ["nothing was recorded"]),
-], ids=str)  # fmt: skip
+@pytest.mark.parametrize(
+    ("kit", "code", "reason"),
+    [("FallsStanding", 4, "stopped: fell"), ("InterruptedConnecting", 130, "nothing was recorded")],
+)
 def test_a_robot_that_does_not_come_to_stand_begins_no_session(
-    kit: str, code: int, words: list[str], capsys: pytest.CaptureFixture[str]
+    kit: str, code: int, reason: str, adapt: Call
 ) -> None:
     save_prior(standing_prior(), Path("x.npz"))
-    assert adapt(kit, "--prior", "x.npz", "--duration", "6", "--self-rotation", "rear") == code
-    err = capsys.readouterr().err
-    for word in words:
-        assert word in err
-    assert sessions() == []
+    assert reason in adapt(kit, *STANDING, code=code).err
+    assert stored_names(Path("runs")) == []
     if code == 130:
         assert not Kit.made[0].sent, "it stood up after the interrupt"
 
 
 def test_a_robot_that_a_person_puts_down_does_not_stand_up_before_it_was_asked_for(
-    monkeypatch: pytest.MonkeyPatch,
+    adapt: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     save_prior(standing_prior(), Path("x.npz"))
     type_in(monkeypatch, "quit\n")
-    words = ["--ask", "--prior", "x.npz", "--self-rotation", "rear", "--duration", "6"]
-    assert adapt("Straight", *words) == 130
+    adapt("Straight", "--ask", *STANDING, code=130)
     assert not Kit.made[0].sent
+
+
+#: Trials for which the prior knows how robots stand.
+STANDING = ("--prior", "x.npz", "--self-rotation", "rear", "--duration", "6")
 
 
 def standing_prior() -> Prior:
@@ -246,7 +213,7 @@ def standing_prior() -> Prior:
     return replace(prior, sag_rad=model.sags(6, 5)[np.newaxis])
 
 
-def test_the_arena_stays_where_it_was_after_a_kill(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_arena_stays_where_it_was_after_a_kill(call: Call) -> None:
     command = [sys.executable, "-m", "hexctl", *TWIN, *SMALL]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     process = subprocess.Popen(command, stdout=subprocess.PIPE, env=environment, text=True)
@@ -259,8 +226,8 @@ def test_the_arena_stays_where_it_was_after_a_kill(capsys: pytest.CaptureFixture
         process.kill()
         process.wait()
     away_m = float(np.hypot(*np.load(PLACE)["qpos"][:2]))
-    (name,) = sessions()
-    resumed, _ = json_and_err(capsys, "adapt", "--resume", name, "--trust", "--no-record")
+    (name,) = stored_names(Path("runs"))
+    resumed = call("adapt --trust --no-record --json --resume", name).json
     assert len(resumed["trials"]) == 5
     assert resumed["arena_m"] == 0.6
     assert np.hypot(*resumed["home_m"]) < 0.05 < away_m, "home is where it began, not where it was found"
@@ -270,11 +237,11 @@ def test_the_arena_stays_where_it_was_after_a_kill(capsys: pytest.CaptureFixture
 def test_the_baseline_is_announced_and_walked_on_a_robot_and_asked_for_by_name(
     call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    words = ["adapt", "--failed-leg", "5", "--backend", f"{KITS}:Blind", "--ask", "--no-record", "--json"]
+    words = ["--backend", f"{KITS}:Blind", "--self-rotation", "none", "--duration", "1", "--budget", "1"]
     type_in(monkeypatch, "\n0.14 -0.02\n\n0.13 0.01\n\n0.12 0.03\n\n0.12 0.04\n")
-    said = call(*words, "--self-rotation", "none", "--duration", "1", "--budget", "1")
+    said = call("adapt --failed-leg 5 --ask --no-record --json", *words)
     assert "baseline" in said.err
-    session = json.loads(said.out)
+    session = said.json
     assert [(walk["gait"], walk["score"]) for walk in session["baseline"]] == [
         ("auto", 0.02),
         ("demo", 0.01),
