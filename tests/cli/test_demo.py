@@ -1,6 +1,5 @@
 """`hexctl demo`, `diagnose` and `doctor` as a user calls them."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +64,7 @@ def test_a_walk_finds_its_failed_leg_first(failure: str, leg: int | None, call: 
     """One that is not found is still what the simulation breaks."""
     walk = ["run", "--gait", "auto", "--duration", "0.5", "--no-record", "--json", "--failed-leg", "auto"]
     printed = call(*walk, "--failure", failure)
-    outcome = json.loads(printed.out)
+    outcome = printed.json
     assert outcome["failed_leg"] == leg
     assert leg is not None or "leg 3 weak:0.9" in printed.err
 
@@ -89,7 +88,7 @@ def test_doctor_says_what_works_and_which_settings_are_in_force_and_what_is_wron
     answers = {line.split("  ")[0]: line.split("  ", 1)[1].strip() for line in works.splitlines()}
     assert answers["simulate walks"] == "yes"
     assert all(answer == "yes" or answer.startswith("NO: ") for answer in answers.values())
-    report = json.loads(call("doctor --json").out)
+    report = call("doctor --json").json
     assert report["works"]["simulate walks"] is None
     assert "HEXCTL_PRIOR_BUILD_WORLDS" in {one["key"] for one in report["settings"]["values"]}
     assert {"HEXCTL_OTHERS", "HEXCTL_RUN_DURATON"} <= {*report["settings"]["unknown"]}

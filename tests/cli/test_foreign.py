@@ -30,6 +30,7 @@ from hexctl.waiting import wait_for
 from hexctl.wire.description import describe, robot_name
 from hexctl.wire.links import KeyMap
 from tests.adapt import walking
+from tests.cli.conftest import Call
 from tests.cli.test_options import commands
 from tests.robots import shipped
 from tests.server.processes import free_port
@@ -83,23 +84,23 @@ COMMANDS = [
 @pytest.mark.parametrize(
     "command", [*COMMANDS, *(pytest.param(words, marks=pytest.mark.slow) for words in (WALK_BEST, "doctor"))]
 )
-def test_a_foreign_session_runs_no_code(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_foreign_session_runs_no_code(call: Call, command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hexctl.adapt.sessions.session_viewing.open_viewer", lambda _: 0)
     every = {"optimizer": NAMED, "objective": NAMED, "backend": NAMED, "policy": NAMED}
     name = foreign_session(monkeypatch, **every)
     other = foreign_session(monkeypatch, **every)
     words = {"NAME": name, "OTHER": other, "best:NAME": f"best:{name}"}
-    assert exit_code([words.get(word, word) for word in command.split()]) == 0
+    call(*[words.get(word, word) for word in command.split()])
 
 
 @pytest.mark.parametrize("field", ["optimizer", "objective", "backend", "policy"])
 def test_a_foreign_session_is_resumed_with_its_code_only_if_that_is_typed(
-    field: str, monkeypatch: pytest.MonkeyPatch
+    call: Call, field: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     name = foreign_session(monkeypatch, **{field: NAMED})
-    assert exit_code(["adapt", "--resume", name]) == 2
+    call("adapt --resume", name, code=2)
     Path("hexctl.toml").write_text(f'[adapt]\nresume = "{name}"\ntrust = true\n')
-    assert exit_code(["adapt"]) == 2
+    call("adapt", code=2)
 
 
 def test_commands_that_are_shown_for_a_foreign_session_are_safe_to_paste(
@@ -123,18 +124,20 @@ def test_commands_that_are_shown_for_a_foreign_session_are_safe_to_paste(
         (f'[calibrate]\nbackend = "{NAMED}"', "calibrate robot.yaml"),
     ],
 )
-def test_settings_of_the_working_folder_name_no_code(settings: str, command: str) -> None:
+def test_settings_of_the_working_folder_name_no_code(call: Call, settings: str, command: str) -> None:
     Path("hexctl.toml").write_text(settings)
-    assert exit_code(command.split()) == 2
+    call(command, code=2)
 
 
-def test_the_users_own_settings_and_variables_may_name_code(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_users_own_settings_and_variables_may_name_code(
+    call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
     Path("own.toml").write_text('backend = "tests.cli.kits:Kit"')
     monkeypatch.setenv("HEXCTL_SETTINGS", "own.toml")
-    assert exit_code(["run", "--no-record", "--duration", "0.1", "--hold", "none"]) == 0
+    call("run --no-record --duration 0.1 --hold none")
     monkeypatch.setenv("HEXCTL_SETTINGS", "none")
     monkeypatch.setenv("HEXCTL_BACKEND", "tests.cli.kits:Kit")
-    assert exit_code(["run", "--no-record", "--duration", "0.1", "--hold", "none"]) == 0
+    call("run --no-record --duration 0.1 --hold none")
 
 
 def test_each_option_that_takes_code_is_known_as_one() -> None:
@@ -157,19 +160,19 @@ class Payload:
 @pytest.mark.parametrize(
     "command", ["prior show ./foreign.npz", "adapt --failed-leg 5 --budget 1 --prior ./foreign.npz"]
 )
-def test_an_archive_with_pickled_objects_is_refused(command: str) -> None:
+def test_an_archive_with_pickled_objects_is_refused(call: Call, command: str) -> None:
     array = BytesIO()
     np.save(array, np.array([Payload()], dtype=object), allow_pickle=True)
     with zipfile.ZipFile("foreign.npz", "w") as archive:
         archive.writestr("head.npy", array.getvalue())
-    assert exit_code(command.split()) == 2
+    call(command, code=2)
 
 
 @pytest.mark.parametrize("tag", ["!!python/object/apply:os.mkdir [ran]", "!!python/name:planted.part"])
 @pytest.mark.parametrize("option", ["--robot", "--world"])
-def test_a_yaml_file_makes_no_objects(option: str, tag: str) -> None:
+def test_a_yaml_file_makes_no_objects(call: Call, option: str, tag: str) -> None:
     Path("foreign.yaml").write_text(f"name: {tag}\n")
-    assert exit_code(["run", "--no-record", "--duration", "0.1", option, "foreign.yaml"]) == 2
+    call("run --no-record --duration 0.1", option, "foreign.yaml", code=2)
 
 
 def plant_common_modules() -> None:

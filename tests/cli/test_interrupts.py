@@ -1,7 +1,6 @@
 """Ctrl-C, hangups and other signals, and what is printed on a terminal and in a pipe."""
 
 import io
-import json
 import os
 import re
 import signal
@@ -329,7 +328,7 @@ def test_a_search_and_a_server_end_as_by_ctrl_c(
         terminal.close()
         assert terminal.code() == 130
     monkeypatch.chdir(tmp_path)
-    assert len(json.loads(call("sessions list --json").out)) == 1
+    assert len(call("sessions list --json").json) == 1
     served = ("--backend", "mock", "--listen", f"tcp/127.0.0.1:{free_port()}")
     with on_terminal(tmp_path, *served, command="serve", program=WITH_TERMINAL) as terminal:
         terminal.wait("serving|listens|at tcp")

@@ -11,7 +11,6 @@ import pytest
 
 from hexctl.cli.console import flag_of, in_flags
 from hexctl.cli.entry import MAY_HANG
-from hexctl.cli.main import exit_code
 from hexctl.errors import InputError, argument
 from tests.cli.conftest import Call
 
@@ -138,15 +137,15 @@ def test_names_that_are_no_utf_8_are_refused_in_one_printable_line(
     ("number", "code"), [(errno.ENOSPC, 3), (errno.EDQUOT, 3), (errno.EIO, 3), (errno.EACCES, 2)]
 )
 def test_a_full_disk_is_a_fault_whatever_was_to_be_written(
-    number: int, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    call: Call, number: int, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(path: Path, _: object) -> None:
         raise OSError(number, os.strerror(number), str(path))
 
     monkeypatch.setattr("hexctl.vision.sheet.atomic_write", refuse)
-    assert exit_code(["see", "print", "--output", str(tmp_path / "sheet.pdf")]) == code
+    call("see print --output", str(tmp_path / "sheet.pdf"), code=code)
     monkeypatch.setattr("hexctl.robot.configs.read_file", refuse)
-    assert exit_code(["check", "ant"]) == code
+    call("check ant", code=code)
 
 
 @pytest.mark.parametrize(
@@ -185,8 +184,8 @@ def test_a_folder_that_may_not_be_written_to_comes_with_a_next_step(
     assert (printed.out, next_step in printed.err, "runs/" in printed.err) == ("", True, True)
 
 
-def test_an_argument_of_the_library_has_a_flag() -> None:
-    assert exit_code(["serve", "--help"]) == 0  # its options are known then
+def test_an_argument_of_the_library_has_a_flag(call: Call) -> None:
+    call("serve --help")
     flags = {"early_stop": "--early-stop", "target_m": "--target", "credentials": "--keys"}
     assert {name: flag_of(name) for name in flags} == flags
     assert in_flags(InputError(f"{argument('target_m')}: got 9")) == "--target: got 9"

@@ -1,40 +1,39 @@
 """`hexctl run` as a user calls it, and when the robot, the link or the disk fails."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 from unittest.mock import ANY
 
 import pytest
 
-from hexctl.cli.main import exit_code
 from hexctl.cli.render.run_output import summary
 from hexctl.recording import recording
 from hexctl.recording.recorded_trial import read_trial
 from hexctl.recording.rrd import ROOM_BYTES
-from tests.cli.conftest import Call
+from tests.cli.conftest import Call, Printed
 from tests.cli.kits import Kit
-from tests.cli.terminals import on_terminal, wait_until_it_grows
+from tests.cli.terminals import FULL_DISK, on_terminal, run_program, wait_until_it_grows
 from tests.vision.test_place import saved
 
-SHORT = ["run", "--no-record", "--duration", "3"]
-
-
-#: A second is enough for the slowest machine to get on; a hang must not hang the suite.
+#: A hang must not hang the suite.
 PATIENCE_S = 60.0
 
 KITS = "tests.cli.kits"
 
 
-def run_json(call: Call, *arguments: str, code: int = 0) -> dict[str, Any]:
-    printed = call(*arguments, "--json", code=code)
-    assert printed.err == ""
-    return _strict(printed.out)
+@pytest.fixture
+def walk(call: Call) -> Call:
+    """Walk a kit."""
+
+    def walked(kit: str, *more: str, duration_s: int = 3, code: int = 0) -> Printed:
+        words = ("--backend", f"{KITS}:{kit}", "--duration", str(duration_s), *more)
+        return call("run", *words, code=code)
+
+    return walked
 
 
 def test_the_summary_says_how_it_went_and_how_to_look(tmp_path: Path, call: Call) -> None:
@@ -45,43 +44,23 @@ def test_the_summary_says_how_it_went_and_how_to_look(tmp_path: Path, call: Call
     assert recording.stat().st_size > 10_000
 
 
-def _run(kit: str, *more: str, duration_s: int = 3) -> int:
-    return exit_code(["run", "--backend", f"{KITS}:{kit}", "--duration", str(duration_s), *more])
-
-
-def _one_line(captured: str) -> str:
-    (line,) = captured.splitlines()
-    return line
-
-
-def _strict(text: str) -> dict[str, Any]:
-    """The one JSON object of a text, which knows no NaN."""
-    outcome: dict[str, Any] = json.loads(_one_line(text), parse_constant=lambda name: pytest.fail(name))
-    return outcome
-
-
 @pytest.mark.parametrize(("kit", "reason"), [("Sick", "fault"), ("Lost", "pose lost")])
-def test_a_fault_of_the_robot_is_a_result_that_says_why(
-    kit: str, reason: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert _run(kit, "--no-record", duration_s=8) == 3
-    printed = capsys.readouterr()
+def test_a_fault_of_the_robot_is_a_result_that_says_why(kit: str, reason: str, walk: Call) -> None:
+    printed = walk(kit, "--no-record", duration_s=8, code=3)
     assert f"status     aborted ({reason})" in printed.out
     assert printed.err == ""
-    assert _run(kit, "--no-record", "--json", duration_s=8) == 3
-    outcome = _strict(capsys.readouterr().out)
+    outcome = walk(kit, "--no-record", "--json", duration_s=8, code=3).json
     assert (outcome["status"], outcome["stopped"]) == ("aborted", reason)
     assert 0 < outcome["duration_s"] < 8
 
 
-@pytest.mark.parametrize(("kit", "word"), [("NoPipe", "Broken pipe"), ("NoPort", "/dev/ttyUSB7")])
+@pytest.mark.parametrize(
+    ("kit", "word"), [("NoPipe", "Broken pipe"), ("NoPort", "/dev/ttyUSB7"), ("BreaksAtOnce", "")]
+)
 def test_a_robot_that_cannot_be_reached_is_one_line_and_leaves_nothing(
-    kit: str, word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    kit: str, word: str, tmp_path: Path, walk: Call
 ) -> None:
-    assert _run(kit) == 3
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert word in _one_line(printed.err)
+    assert word in walk(kit, code=3).refusal
     assert list(tmp_path.iterdir()) == [], "no recording of a walk that never was"
     assert [made.closed for made in Kit.made] == [1]
 
@@ -91,21 +70,25 @@ def test_ctrl_c_before_the_first_command_commands_nothing_and_leaves_nothing(
     command: str, tmp_path: Path, call: Call
 ) -> None:
     path = tmp_path / "walk.rrd"
-    printed = call(command, "--backend", f"{KITS}:Interrupting", "--record", str(path), code=130)
-    assert printed.out == ""
-    _one_line(printed.err)
+    assert call(command, "--backend", f"{KITS}:Interrupting", "--record", str(path), code=130).refusal
     assert [(made.closed, len(made.sent)) for made in Kit.made] == [(1, 0)]
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_robot_that_turns_before_it_walks_says_so_first(capsys: pytest.CaptureFixture[str]) -> None:
-    assert _run("Kit", "--no-record", "--failed-leg", "5", "--self-rotation", "rear", "--json") == 0
-    assert "turns until leg 5 trails" in _one_line(capsys.readouterr().err)
+@pytest.mark.parametrize(
+    ("options", "note"),
+    [
+        ("--failed-leg 5 --self-rotation rear", "turns until leg 5 trails"),
+        ("--self-rotation front", "--self-rotation front changes nothing"),
+    ],
+)
+def test_a_self_rotation_says_what_it_does(options: str, note: str, walk: Call) -> None:
+    assert note in walk("Kit", "--no-record", *options.split()).line
 
 
 @pytest.mark.parametrize("block_ticks", [1, 2000], ids=["in the walk", "at its end"])
 def test_a_recording_that_fails_costs_neither_the_walk_nor_its_result(
-    block_ticks: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    block_ticks: int, monkeypatch: pytest.MonkeyPatch, walk: Call
 ) -> None:
     def fail(_: object) -> Iterator[None]:
         yield
@@ -113,63 +96,51 @@ def test_a_recording_that_fails_costs_neither_the_walk_nor_its_result(
 
     monkeypatch.setattr(recording, "BLOCK_TICKS", block_ticks)
     monkeypatch.setattr(recording, "send_parts", fail)
-    assert _run("Kit", "--turn", "5", "--json") == 3
-    printed = capsys.readouterr()
-    outcome = _strict(printed.out)
-    assert (outcome["status"], outcome["duration_s"]) == ("ok", pytest.approx(3))
-    assert "no space\\nleft" in _one_line(printed.err)
+    printed = walk("Kit", "--turn", "5", "--json", code=3)
+    assert (printed.json["status"], printed.json["duration_s"]) == ("ok", pytest.approx(3))
+    assert "no space\\nleft" in printed.line
 
 
-def test_a_robot_without_a_pose_at_the_start_says_why_it_holds_nothing(call: Call, tmp_path: Path) -> None:
-    world = tmp_path / "blind.yaml"
-    world.write_text("lost_poses: 0.95\n", encoding="utf-8")
-    options = ["run", "--no-record", "--duration", "0.2", "--world", str(world), "--seed", "1"]
-    outcome = _strict(call(*options, "--json").out)
+def test_a_robot_without_a_pose_at_the_start_says_why_it_holds_nothing(call: Call) -> None:
+    Path("blind.yaml").write_text("lost_poses: 0.95\n", encoding="utf-8")
+    outcome = call("run --no-record --duration 0.2 --world blind.yaml --seed 1 --json").json
     assert (outcome["hold"], outcome["hold_caveat"]) == ("none", ANY)
 
 
 def test_the_best_gait_is_told_and_walked_and_where_none_is_known_that_is_said(call: Call) -> None:
-    words = ["run", "--gait", "best", "--duration", "1", "--no-record", "--json"]
-    printed = call(*words, "--failed-leg", "2")
-    assert json.loads(printed.out)["hold"] == "line"
+    words = "run --gait best --duration 1 --no-record --json"
+    printed = call(words, "--failed-leg", "2")
+    assert printed.json["hold"] == "line"
     assert "ant-locked-none-30s-line.npz" in printed.err
-    assert "--gait" in _one_line(call(*words, "--failure", "2:missing", code=2).err)
-
-
-def test_a_self_rotation_without_a_failed_leg_is_said_to_change_nothing(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    for more, said in (([], True), (["--failed-leg", "2"], False)):
-        assert _run("Kit", "--no-record", "--self-rotation", "front", *more, duration_s=1) == 0
-        assert ("--self-rotation front changes nothing" in capsys.readouterr().err) is said
+    assert "--gait" in call(words, "--failure", "2:missing", code=2).line
 
 
 @pytest.mark.slow
-def test_a_leg_dies_and_the_text_says_what_was_noticed_and_done(call: Call) -> None:
-    walk = ["run", "--gait", "tripod", "--failure", "5:locked@3", "--duration", "5", "--no-record"]
-    said = call(*walk).out
-    assert "failed     leg 5 locked at 3 s" in said
-    assert "detected   leg 5 locked at 3." in said
-    assert "changed to slots" in said
-    said = call(*walk, "--policy", "stop", code=4).out
-    assert "stopped" in said
-    assert "aborted (leg 5 locked)" in said
-    said = call(*walk, "--policy", "walk-on").out
-    assert "walked on" in said
-    assert "next: the same with --policy glide" in said
+@pytest.mark.parametrize(
+    ("options", "code", "texts"),
+    [
+        ("", 0, ("failed     leg 5 locked at 3 s", "detected   leg 5 locked at 3.", "changed to slots")),
+        ("--policy stop", 4, ("stopped", "aborted (leg 5 locked)")),
+        ("--policy walk-on", 0, ("walked on", "next: the same with --policy glide")),
+    ],
+)
+def test_a_leg_dies_and_the_text_says_what_was_noticed_and_done(
+    options: str, code: int, texts: tuple[str, ...], call: Call
+) -> None:
+    walk = "run --gait tripod --failure 5:locked@3 --duration 5 --no-record"
+    out = call(walk, *options.split(), code=code).out
+    assert all(text in out for text in texts), out
 
 
 @pytest.mark.slow
 def test_a_walk_that_came_nowhere_without_a_leg_proposes_the_stable_gait(call: Call) -> None:
-    asked = ["--failure", "2:limp,5:locked", "--duration", "4", "--no-record"]
-    assert "next: the same with --gait auto" in call("run", *asked).out
-    assert "--gait auto" not in call("run", *asked, "--gait", "auto").out
+    asked = "run --failure 2:limp,5:locked --duration 4 --no-record"
+    assert "next: the same with --gait auto" in call(asked).out
+    assert "--gait auto" not in call(asked, "--gait", "auto").out
 
 
-def test_a_walk_without_a_leg_that_is_slow_or_misses_its_line_names_the_next_step(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    outcome = run_json(capsys, "run", "--no-record", "--duration", "1", "--failure", "5:locked")
+def test_a_walk_without_a_leg_that_is_slow_or_misses_its_line_names_the_next_step(call: Call) -> None:
+    outcome = call("run --no-record --duration 1 --failure 5:locked --json").json
     assert "--gait auto" in str(summary(outcome)[-1])
     on_course = {**outcome, "distance_m": outcome["ideal_distance_m"]}
     assert not any("next: " in str(part) for part in summary(on_course))
@@ -177,31 +148,23 @@ def test_a_walk_without_a_leg_that_is_slow_or_misses_its_line_names_the_next_ste
     assert "hexctl adapt" in str(summary(missed)[-1])
 
 
-def test_a_fall_is_an_abort(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_fall_is_an_abort(call: Call) -> None:
     Path("top_heavy.yaml").write_text("payload_kg: 6\npayload_position_m: [0.5, 0.0, 0.3]\n")
-    assert run_json(capsys, *SHORT, "--world", "top_heavy.yaml", code=4)["status"] == "fell"
+    words = "run --no-record --duration 3 --world top_heavy.yaml --json"
+    assert call(words, code=4).json["status"] == "fell"
 
 
 @pytest.mark.parametrize("record", [["--record", "walk.rrd"], ["--no-record", "--json"]])
 def test_a_link_that_breaks_in_the_walk_is_a_line_after_that_of_the_recording(
-    record: list[str], capsys: pytest.CaptureFixture[str]
+    record: list[str], walk: Call
 ) -> None:
-    assert _run("PortBreaks", *record) == 3
-    printed = capsys.readouterr()
+    printed = walk("PortBreaks", *record, code=3)
     assert "status" not in printed.out, "there is no result"
     assert [made.closed for made in Kit.made] == [1]
     assert len(printed.err.splitlines()) == (2 if "--record" in record else 1)
     if "--record" in record:
         assert "recorded until then: walk.rrd; to repeat it, give another --record" in printed.err
         assert len(read_trial("walk.rrd")) > 50
-
-
-def test_a_link_that_breaks_before_the_first_command_leaves_no_recording(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert _run("BreaksAtOnce", "--record", "walk.rrd") == 3
-    _one_line(capsys.readouterr().err)
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.realtime
@@ -234,49 +197,26 @@ def test_a_terminal_shows_progress_and_the_result_at_the_end(tmp_path: Path) -> 
     assert text.index("loading") < text.index("1 of 1 s") < text.index("ant in world flat")
 
 
-FULL_DISK = """
-import resource, signal, sys
-from hexctl.cli.main import exit_code
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), int(sys.argv[1])))
-sys.exit(exit_code(["run", "--duration", "20", "--json"]))
-"""
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("room", [True, False], ids=["full in the walk", "full before it"])
 def test_a_full_disk_is_said_before_the_walk_or_costs_neither_it_nor_its_result(
     room: bool, tmp_path: Path
 ) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", FULL_DISK, str(ROOM_BYTES - (not room))],
-        env={**os.environ, "RUST_LOG": "off"},
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+    limit = str(ROOM_BYTES - (not room))
+    done = run_program(FULL_DISK, limit, "run", "--duration", "20", "--json", RUST_LOG="off")
     assert done.returncode == 3, done.stderr
-    _one_line(done.stderr)
+    printed = Printed(done.stdout, done.stderr)
+    assert printed.line
     if room:
-        assert _strict(done.stdout)["status"] == "ok"
+        assert printed.json["status"] == "ok"
     else:
-        assert (done.stdout, list(tmp_path.glob("runs/*"))) == ("", [])
+        assert (printed.out, list(tmp_path.glob("runs/*"))) == ("", [])
 
 
-#: Servos of the current folder, whose time does not wait.
 OWN_KIT = """
-from hexctl.backends.clock import WallClock
 from hexctl.backends.mock import MockServos
-class KitTime:
-    now_s = 0.0
-    def now(self):
-        return self.now_s
-    def sleep(self, duration_s):
-        self.now_s += max(duration_s, 1e-9)
 class KitServos(MockServos):
-    def __init__(self, robot):
-        super().__init__(robot, clock=WallClock(time=KitTime()))
+    pass
 """
 
 
@@ -286,35 +226,28 @@ def test_servos_in_the_current_folder_are_found_by_the_program_that_is_installed
     if not program.exists():
         pytest.skip("hexctl is not installed next to this Python")
     (tmp_path / "own_kit.py").write_text(OWN_KIT)
-    words = ["run", "--backend", "own_kit:KitServos", "--no-record", "--duration", "1", "--json"]
+    words = ["run", "--backend", "own_kit:KitServos", "--no-record", "--duration", "0.2", "--json"]
     done = subprocess.run([program, *words], capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
-    outcome = _strict(done.stdout)
+    outcome = Printed(done.stdout, done.stderr).json
     assert (outcome["backend"], outcome["status"]) == ("own_kit:KitServos", "ok")
     assert (outcome["distance_m"], outcome["deviation_m"]["final"]) == (None, None), "it knows no position"
 
 
-WALK = ["run", "--gait", "tripod", "--duration", "6", "--no-record", "--json"]
-
-
-def walked(call: Call, *more: str) -> dict[str, Any]:
-    outcome: dict[str, Any] = json.loads(call(*WALK, *more).out)
-    return outcome
+WALK = "run --gait tripod --duration 6 --no-record --json"
 
 
 @pytest.mark.slow
-def test_a_walk_ends_softly_inside_the_circle_around_its_start(capsys: pytest.CaptureFixture[str]) -> None:
-    free = walked(capsys)
+def test_a_walk_ends_softly_inside_the_circle_around_its_start(call: Call) -> None:
+    free = call(WALK).json
     assert (free["status"], free["stopped"]) == ("ok", None)
     radius_m = free["distance_m"] / 2
-    kept = walked(capsys, "--arena", str(radius_m))
+    kept = call(WALK, "--arena", str(radius_m)).json
     assert (kept["status"], kept["stopped"]) == ("cut_short", "arena")
     assert 0 < kept["distance_m"] < radius_m
-    assert walked(capsys, "--arena", str(2 * free["distance_m"]))["status"] == "ok"
+    assert call(WALK, "--arena", str(2 * free["distance_m"])).json["status"] == "ok"
 
 
 def test_the_floor_of_a_simulation_is_none_that_a_camera_sees(tmp_path: Path, call: Call) -> None:
-    assert (
-        "with --backend sim; allowed: a radius, or another --backend"
-        in call(*WALK, "--arena", str(saved(tmp_path)), code=2).err
-    )
+    refusal = call(WALK, "--arena", str(saved(tmp_path)), code=2).refusal
+    assert "with --backend sim; allowed: a radius, or another --backend" in refusal

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexctl.cli.main import exit_code
 from hexctl.cli.shared_options import arena_fields, arena_of
 from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
@@ -96,7 +95,7 @@ def test_a_camera_that_is_not_there_is_a_fault(tmp_path: Path, call: Call) -> No
 
 
 @pytest.mark.slow
-def test_the_command_takes_a_video(tmp_path: Path) -> None:
+def test_the_command_takes_a_video(call: Call, tmp_path: Path) -> None:
     import cv2
 
     from tests.vision.detection.test_lens_calibration import LENSES, pictures, ray_error_px
@@ -108,7 +107,7 @@ def test_the_command_takes_a_video(tmp_path: Path) -> None:
         writer.write(picture)
     writer.release()
     output = tmp_path / "lens.yaml"
-    assert exit_code(["see", "calibrate", "--camera", str(video), "--output", str(output)]) == 0
+    call("see calibrate --camera", str(video), "--output", str(output))
     assert ray_error_px(LENSES["480p"], load_lens(output)) < 0.7
 
 

@@ -1,14 +1,13 @@
 """`hexctl servos` and `ports` as a user calls them."""
 
-import json
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from serial.tools.list_ports_common import ListPortInfo
 
-from hexctl.cli.main import exit_code
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.types import JOINT_NAMES
@@ -30,7 +29,6 @@ def test_another_driver_that_fits_is_named(driver: str, call: Call) -> None:
     with memory_bus(a_map(), *ONLY_ONE) as bus:
         words = ["servos", "scan", "--driver", driver, "--connect", f"{bus.path}:1000000", "--json"]
         printed = call(*words, code=2 if driver == "dynamixel" else 3)
-        assert printed.out.strip() in ("", "[]")
         assert "servos (sts3215) answer with --driver feetech --baud 1000000" in printed.err
         words = ["servos", "scan", "--driver", driver, "--connect", bus.path, "--baud", "all"]
         said = call(*words, code=2).err
@@ -43,9 +41,9 @@ def test_servos_at_another_baud_are_hinted_at_and_found_with_all(model: str, cal
     with memory_bus(a_map(model=model), *ONLY_ONE, baud=115_200) as bus:
         words = ["servos", "scan", "--driver", "feetech", "--connect", bus.path, "--json"]
         printed = call(*words, code=3)
-        assert json.loads(printed.out) == []
+        assert printed.json == []
         assert "servos answer at 115200 baud: a wrong baud rate" in printed.err
-        found = json.loads(call(*words, "--baud", "all").out)
+        found = call(*words, "--baud", "all").json
     assert [(each["id"], each["baud"]) for each in found] == [(1, 115_200)]
 
 
@@ -62,7 +60,7 @@ def test_servos_of_two_families_on_one_line_are_both_found(
         lambda path, baud: (slow if baud == 57_600 else fast).open(path, baud),
     )
     words = ["servos", "scan", "--driver", driver, "--connect", fast.path, "--baud", "all", "--json"]
-    (found,) = [each for each in json.loads(call(*words).out) if each["model"]]
+    (found,) = [each for each in call(*words).json if each["model"]]
     assert found["baud"] == {"dynamixel": 57_600, "feetech": 1_000_000}[driver]
 
 
@@ -75,19 +73,24 @@ def test_a_servo_is_tested_with_consent_only(call: Call, monkeypatch: pytest.Mon
         assert "nothing was moved" in call(*words, code=2).err
         type_in(monkeypatch, "yes\n")
         printed = call(*words)
-        assert json.loads(printed.out)["followed"]
+        assert printed.json["followed"]
         assert "error\n" not in call(*words[:-1], "--yes").out
         assert "99" in call("servos test 99", *words[3:], code=3).err
         bus.robot.write = lambda targets: targets  # type: ignore[method-assign]  # nothing moves
-        assert exit_code([*words, "--yes"]) == 3, "it is stuck"
+        call(*words, "--yes", code=3)  # it is stuck
+
+
+def robot_file(folder: Path, first_id: int | None = None, **section: Any) -> Path:
+    """A robot file whose joints have ids from a first one on, or none."""
+    ids = {} if first_id is None else {name: {"id": first_id + k} for k, name in enumerate(JOINT_NAMES)}
+    return edited_file(folder, put("servos", {"driver": "feetech", **section, **ids}), base="phantomx")
 
 
 def test_joints_are_identified_and_no_robot_file_is_written(
     call: Call, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     with memory_bus(a_map()) as bus:
-        section = {"driver": "feetech", "port": bus.path, "model": "sts3215"}
-        file = edited_file(tmp_path, put("servos", section), base="phantomx")
+        file = robot_file(tmp_path, port=bus.path, model="sts3215")
         before = file.read_text()
         type_in(monkeypatch, "\n2f\n")
         printed = call("servos identify 5 --robot", str(file))
@@ -99,41 +102,34 @@ def test_joints_are_identified_and_no_robot_file_is_written(
 
 @pytest.mark.parametrize(("words", "model"), [((), "lx16a"), (("--model", "lx224"), "lx224")])
 def test_a_model_that_servos_do_not_tell_is_written(
-    words: tuple[str, ...],
-    model: str,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...], model: str, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with memory_bus(a_map("lx16a", "lx16a")) as bus:
         type_in(monkeypatch, "\n2f\n")
-        assert exit_code(["servos", "identify", "5", "--driver", "lx16a", "--connect", bus.path, *words]) == 0
-    printed = capsys.readouterr()
+        printed = call("servos identify 5 --driver lx16a --connect", bus.path, *words)
     assert f"  model: {model}\n" in printed.out
     assert ("--model" in printed.err) is not bool(words)
 
 
 def test_a_lost_id_is_given_back(call: Call, tmp_path: Path) -> None:
-    joints = {name: {"id": 21 + place} for place, name in enumerate(JOINT_NAMES)}
-    file = edited_file(tmp_path, put("servos", {"driver": "feetech", **joints}), base="phantomx")
+    file = robot_file(tmp_path, 21)
     bus_map = bus_map_of(load_robot_file(file).content.servos, "feetech")
     with memory_bus(bus_map, "lost-id:3:tibia") as bus:
         words = ["servos", "adopt", "--robot", str(file), "--connect", bus.path, "--yes", "--json"]
-        adopted = json.loads(call(*words).out)
+        adopted = call(*words).json
         assert (adopted["joint"], adopted["id"]) == ("leg3_tibia", 29)
-        assert exit_code(words) == 3
+        call(*words, code=3)
 
 
 def test_a_scan_is_an_array_or_a_table_and_a_robot_file_names_the_joints(tmp_path: Path, call: Call) -> None:
     with memory_bus(a_map()) as bus:
-        ids = {name: {"id": place + 2} for place, name in enumerate(JOINT_NAMES)}
-        section = {"driver": "feetech", "port": bus.path, "model": "sts3215", **ids}
-        file = edited_file(tmp_path, put("servos", section), base="phantomx")
+        file = robot_file(tmp_path, 2, port=bus.path, model="sts3215")
         printed = call("servos scan --robot", str(file), "--json")
         table = call("servos scan --robot", str(file)).out
     assert "firmware 3.10, 12 V type, 4 to 14 V: all" in printed.err
     assert all(text in table for text in ("leg1_femur", "sts3215", " counts", " V", " °C"))
     assert max(map(len, table.splitlines())) <= 80
-    found = json.loads(printed.out)
+    found = printed.json
     assert {"id", "model", "position", "voltage", "temperature"} <= found[0].keys()
     joints = {each["id"]: each["joint"] for each in found}
     assert joints[1] is None
@@ -145,17 +141,11 @@ def test_a_bus_on_the_port_of_the_settings_keeps_the_baud_of_the_robot_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
     with memory_bus(a_map(), *ONLY_ONE, baud=115_200) as bus:
-        ids = {name: {"id": place + 1} for place, name in enumerate(JOINT_NAMES)}
-        section = {"driver": "feetech", "port": "/dev/none", "baud": 115_200, "model": "sts3215", **ids}
-        file = edited_file(tmp_path, put("servos", section), base="phantomx")
+        file = robot_file(tmp_path, 1, port="/dev/none", baud=115_200, model="sts3215")
         monkeypatch.setenv("HEXCTL_CONNECT", bus.path)
         printed = call("servos scan --robot", str(file), "--json")
-    assert [each["id"] for each in json.loads(printed.out)] == [1]
+    assert [each["id"] for each in printed.json] == [1]
     assert f"hexctl: HEXCTL_CONNECT sets --connect {bus.path}" in printed.err
-
-
-def test_ports_are_listed(call: Call) -> None:
-    assert all({"port", "adapter", "vendor"} <= each.keys() for each in json.loads(call("ports --json").out))
 
 
 @pytest.mark.parametrize("vendor", [None, 0x0403])
@@ -167,18 +157,17 @@ def test_that_no_usb_adapter_is_there_is_noted(
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [port])
     printed = call("ports")
     assert "/dev/ttyAMA0" in printed.out
+    assert [{"port", "adapter", "vendor"} <= each.keys() for each in call("ports --json").json] == [True]
     assert ("no USB serial adapter" in printed.err) is (vendor is None)
 
 
 def test_driver_and_port_of_a_calibration_come_from_the_robot_file(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], call: Call, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    section = {"driver": "feetech", "port": "/dev/nothing"}
-    file = edited_file(tmp_path, put("servos", section), base="phantomx")
+    file = robot_file(tmp_path, port="/dev/nothing")
     before = file.read_text()
     monkeypatch.setattr(sys, "stdin", open(os.devnull))  # noqa: SIM115
-    assert exit_code(["calibrate", str(file)]) == 2, "nobody can answer"
-    assert "calibrate: no answer can come on stdin" in capsys.readouterr().err
+    assert "calibrate: no answer can come on stdin" in call("calibrate", str(file), code=2).err
     type_in(monkeypatch, "")
     for options, code, named in (
         ([], 3, "/dev/nothing"),

@@ -266,7 +266,7 @@ def test_a_walk_follows_its_settings_and_keeps_runs_where_they_say(
     write("robot = 'pexod'\nruns = 'out'\nbackend = 'mock'\n[run]\nduration = 0.2\njson = true\n")
     monkeypatch.setenv("HEXCTL_RUN_GAIT", "tripod")
     printed = call("run")
-    outcome = json.loads(printed.out)
+    outcome = printed.json
     assert (outcome["robot"], outcome["gait"]["name"]) == ("pexod", "tripod")
     assert outcome["duration_s"] == pytest.approx(0.2, abs=0.021)
     assert Path(outcome["recording"]).parent == Path("out")
@@ -287,7 +287,7 @@ def test_a_process_serves_and_others_find_and_stop_it_by_one_file(tmp_path: Path
         tmp_path, "robot", "hexctl", "serve", HEXCTL_SETTINGS=str(tmp_path / "hexctl.toml")
     ) as robot:
         robot.wait_for(f"serving lukas (mock) at {endpoint},")
-        assert json.loads(call("status --json").out)["robot"] == "lukas"
+        assert call("status --json").json["robot"] == "lukas"
         write(f"connect = '{endpoint}'\nrobt = 1\n")
         stopped = call("estop --json")
         assert json.loads(stopped.out)["stopped"]

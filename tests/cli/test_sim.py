@@ -1,6 +1,5 @@
 """`hexctl sim board` and `sim camera` as a user calls them."""
 
-import json
 import signal
 import subprocess
 import sys
@@ -49,7 +48,7 @@ def test_a_walk_goes_through_a_simulated_bus(bus: str, model: str | None, robot:
     models = ("--model", model) if model else ()
     with board("--bus", bus, *models, "--backend", "mock", "--robot", robot) as running:
         words = ["--robot", robot, "--duration", "1", "--no-record", "--json"]
-        assert json.loads(call("run --backend", bus, "--connect", running.port, *words).out)["status"] == "ok"
+        assert call("run --backend", bus, "--connect", running.port, *words).json["status"] == "ok"
         report = running.end()
     assert report["goals"] > 50
     assert not report.get("torn")
@@ -78,9 +77,6 @@ def test_what_happens_to_boards_on_an_i2c_bus_is_said(fault: str, message: str, 
     with board("--bus", "pca9685", "--backend", "mock", "--robot", "ant", "--fault", fault) as running:
         words = ["--robot", "ant", "--duration", "60", "--no-record", "--json"]
         assert (
-            message
-            in json.loads(call("run --backend pca9685 --connect", running.port, *words, code=3).out)[
-                "stopped"
-            ]
+            message in call("run --backend pca9685 --connect", running.port, *words, code=3).json["stopped"]
         )
         running.end()

@@ -14,7 +14,7 @@ TINY = ["study", "--legs", "2", "--duration", "0.2", "--runs", "2", "--budget", 
 
 def test_a_study_from_end_to_end_and_again_from_the_cache(tmp_path: Path, call: Call) -> None:
     first = call(*TINY, "--out", "first", "--json")
-    outcome = json.loads(first.out)
+    outcome = first.json
     assert outcome["legs"] == [2]
     assert len(outcome["claims"]) == 12
     assert Path(outcome["report"]).read_text(encoding="utf-8").startswith("<!doctype html>")
@@ -32,7 +32,7 @@ SHORT = ["study", "--hold", "--legs", "2", "--failure", "limp", "--worlds", "1",
 
 def test_holds_are_compared_from_end_to_end_and_again_from_the_cache(tmp_path: Path, call: Call) -> None:
     first = call(*SHORT, "--world", "transfer,real", "--jobs", "1", "--out", "first", "--json")
-    outcome = json.loads(first.out)
+    outcome = first.json
     assert (outcome["families"], outcome["first_world"], outcome["walks"]) == (["transfer", "real"], 250, 12)
     assert outcome["sensors"]["lost_poses"] == 0.05
     assert json.loads((tmp_path / "first" / "holds.json").read_text()) == outcome
@@ -51,7 +51,7 @@ BROKEN = ["study", "--recovery", "--legs", "2,5", "--failure", "limp", "--worlds
 def test_recovery_is_measured_from_end_to_end_and_again_from_the_cache(tmp_path: Path, call: Call) -> None:
     short = [*BROKEN, "--duration", "12", "--world", "transfer"]
     first = call(*short, "--jobs", "1", "--out", "first", "--json")
-    outcome = json.loads(first.out)
+    outcome = first.json
     assert (outcome["families"], outcome["first_world"], outcome["walks"]) == (["transfer"], 470, 10 + 9)
     assert outcome["sensors"]["lost_poses"] == 0.05
     assert json.loads((tmp_path / "first" / "recovery.json").read_text()) == outcome
