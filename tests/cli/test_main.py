@@ -13,6 +13,7 @@ from hexctl.cli.console import flag_of, in_flags
 from hexctl.cli.entry import MAY_HANG
 from hexctl.errors import InputError, argument
 from tests.cli.conftest import Call
+from tests.cli.terminals import run_program
 
 HEAVY = (
     *("mujoco", "dm_control", "rerun", "numpy", "pydantic", "yaml", "scipy", "pymavlink", "serial"),
@@ -20,14 +21,8 @@ HEAVY = (
 )
 
 
-def python(code: str, *more: str) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run(
-        [sys.executable, "-c", code, *more], capture_output=True, text=True, timeout=120, check=False
-    )
-
-
 def test_help_and_the_package_load_nothing_heavy() -> None:
-    done = python(
+    done = run_program(
         "import sys, hexctl\nfrom hexctl.cli.main import exit_code\nassert exit_code(['--help']) == 0\n"
         f"print([name for name in {HEAVY!r} if name in sys.modules], file=sys.stderr)"
     )
@@ -48,7 +43,7 @@ def test_help_and_the_package_load_nothing_heavy() -> None:
     ],
 )
 def test_a_missing_extra_is_named(blocked: str, arguments: str, extra: str, tmp_path: Path) -> None:
-    done = python(
+    done = run_program(
         f"import sys\nsys.modules[{blocked!r}] = None\nfrom hexctl.cli.main import exit_code\n"
         f"sys.exit(exit_code({arguments.split()!r}))"
     )
@@ -59,7 +54,7 @@ def test_a_missing_extra_is_named(blocked: str, arguments: str, extra: str, tmp_
 
 @pytest.mark.slow
 def test_a_robots_computer_needs_no_extras() -> None:
-    done = python(
+    done = run_program(
         "import sys\nfor name in ('mujoco', 'dm_control', 'rerun', 'scipy'): sys.modules[name] = None\n"
         "from hexctl.cli.main import exit_code\n"
         "assert exit_code(['check', 'phantomx']) == 0\n"
@@ -117,9 +112,7 @@ def test_a_path_that_no_system_has_is_refused_in_one_line(line: str, tmp_path: P
     # A port that is not there is a fault of the robot.
     fault = "--connect {}" in line
     path = "x" * 5000 if len(line) % 2 else "a/" * 2500 + "x"
-    printed = call(*[word.format(path) for word in line.split()], code=3 if fault else 2)
-    assert printed.out == ""
-    assert len(printed.err.splitlines()) == 1
+    assert call(*[word.format(path) for word in line.split()], code=3 if fault else 2).refusal
     assert not [found for found in tmp_path.rglob("*") if found.is_file()]
 
 
@@ -128,9 +121,7 @@ def test_names_that_are_no_utf_8_are_refused_in_one_printable_line(
     arguments: str, tmp_path: Path, call: Call
 ) -> None:
     (tmp_path / "runs").mkdir()
-    line = call(*arguments.split(), os.fsdecode(b"caf\xe9\n"), code=2).err
-    assert len(line.splitlines()) == 1
-    line.encode("utf-8")
+    call(arguments, os.fsdecode(b"caf\xe9\n"), code=2).line.encode("utf-8")
 
 
 @pytest.mark.parametrize(
@@ -149,19 +140,14 @@ def test_a_full_disk_is_a_fault_whatever_was_to_be_written(
 
 
 @pytest.mark.parametrize(
-    "command",
-    [
-        *("view", "view x", "export x --to csv", "adapt --resume x", "sessions list", "sessions show x"),
-        *("sessions delete x --yes", "demo --budget 1"),
-    ],
+    "command", ["view", "export x --to csv", "adapt --resume x", "sessions list", "demo --budget 1"]
 )
 def test_a_file_in_place_of_the_runs_is_named(
     command: str, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     Path("taken").touch()
     monkeypatch.setenv("HEXCTL_RUNS", "taken")
-    printed = call(command, code=2)
-    assert (printed.out, "taken is a file, not a folder" in printed.err) == ("", True)
+    assert "taken is a file, not a folder" in call(command, code=2).refusal
 
 
 @pytest.mark.parametrize("there", [True, False], ids=["the runs are read-only", "their folder is"])
@@ -180,8 +166,9 @@ def test_a_folder_that_may_not_be_written_to_comes_with_a_next_step(
         Path("runs").mkdir()
     may = os.access
     monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK | os.X_OK and may(path, mode))
-    printed = call(command, code=2)
-    assert (printed.out, next_step in printed.err, "runs/" in printed.err) == ("", True, True)
+    refusal = call(command, code=2).refusal
+    assert next_step in refusal
+    assert "runs/" in refusal
 
 
 def test_an_argument_of_the_library_has_a_flag(call: Call) -> None:

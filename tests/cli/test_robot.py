@@ -69,6 +69,7 @@ def test_a_joint_out_of_range_is_named(tmp_path: Path, call: Call) -> None:
             {"joints_beyond_counts": 6, "joints_beyond_travel": 6},
         ),
         (None, {"to_measure": 2}),
+        ({"tibia": {"offset_deg": 75}}, {"joints_beyond_pulses": 0, "gait_fits_pulses": True}),
         ({"tibia": {"offset_deg": 60}}, {"joints_beyond_pulses": 6, "gait_fits_pulses": True}),
         ({"tibia": {"offset_deg": 0}}, {"joints_beyond_pulses": 6, "gait_fits_pulses": False}),
     ],

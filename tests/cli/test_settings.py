@@ -1,4 +1,4 @@
-"""Settings as defaults of options, in commands as a user calls them."""
+"""Settings: which files and variables are found, and what commands follow of them."""
 
 import json
 import re
@@ -9,9 +9,10 @@ import pytest
 import typer
 from typer.core import TyperGroup
 
-from hexctl.cli.main import app, exit_code
+import hexctl
+from hexctl.cli.main import app
 from hexctl.cli.settings import FOLLOWERS, TYPED_ONLY, SettingsCommand
-from hexctl.settings import COMMON
+from hexctl.settings import COMMON, find_settings, settings_files
 from tests.cli.conftest import Call
 from tests.cli.test_options import commands
 from tests.server.processes import free_port, program
@@ -40,11 +41,100 @@ def defaults(*words: str) -> dict[str, Any]:
     }
 
 
-def refused(words: list[str], call: Call) -> str:
-    printed = call(*words, code=2)
-    assert printed.out == ""
-    assert len(printed.err.splitlines()) == 1
-    return printed.err.removeprefix("hexctl: ").rstrip("\n")
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The home folder, whose `project` is the working folder."""
+    home = tmp_path / "home"
+    (home / "project" / "deep").mkdir(parents=True)
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    monkeypatch.chdir(home / "project")
+    return home
+
+
+@pytest.mark.usefixtures("home")
+def test_variables_come_before_the_folders_file_and_that_before_the_users(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert (hexctl.read_settings().values, hexctl.read_settings().runs) == ({}, Path("runs"))
+    (tmp_path / "config" / "hexctl").mkdir(parents=True)
+    (tmp_path / "config" / "hexctl" / "hexctl.toml").write_text(
+        'robot = "pexod"\nworld = "rough"\nbackend = "mock"\n[run]\nduration = 5\nseed = 1\n'
+    )
+    write('robot = "phantomx"\nbackend = "sim"\n[run]\nduration = 7\n')
+    monkeypatch.setenv("HEXCTL_ROBOT", "ant")
+    monkeypatch.setenv("HEXCTL_WORLD", "")  # empty is not said
+    settings = hexctl.read_settings()
+    assert settings.values == {"robot": "ant", "backend": "sim", "world": "rough"}
+    assert settings.origins["robot"] == "HEXCTL_ROBOT"
+    assert settings.origins["backend"] == "hexctl.toml: backend"
+    assert settings.of("run") == {"duration": 7, "seed": 1}
+
+
+def test_the_nearest_file_above_counts_up_to_the_home_folder_and_a_repository(home: Path) -> None:
+    (home.parent / "hexctl.toml").write_text("")
+    assert settings_files(home / "project" / "deep") == ()
+    (home / "hexctl.toml").write_text("")
+    assert settings_files(home / "project" / "deep") == (home / "hexctl.toml",)
+    (home / "project" / ".git").mkdir()
+    assert settings_files(home / "project" / "deep") == ()
+    (home / "project" / "hexctl.toml").write_text("")
+    assert settings_files(home / "project" / "deep") == (home / "project" / "hexctl.toml",)
+
+
+@pytest.mark.usefixtures("home")
+def test_outside_of_home_and_repositories_only_the_folder_itself_counts(tmp_path: Path) -> None:
+    shared = tmp_path / "shared"
+    (shared / "mine").mkdir(parents=True)
+    (shared / "hexctl.toml").write_text("")
+    assert settings_files(shared / "mine") == ()
+    assert settings_files(shared) == (shared / "hexctl.toml",)
+
+
+def test_a_variable_names_the_only_file_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write('robot = "pexod"')
+    monkeypatch.setenv("HEXCTL_SETTINGS", "none")
+    assert hexctl.read_settings().values == {}
+    other = tmp_path / "other.toml"
+    other.write_text('robot = "lukas"')
+    monkeypatch.setenv("HEXCTL_SETTINGS", str(other))
+    assert hexctl.read_settings().values == {"robot": "lukas"}
+    for name in (str(tmp_path / "gone.toml"), "~nobody-of-this-name/gone.toml"):
+        monkeypatch.setenv("HEXCTL_SETTINGS", name)
+        with pytest.raises(hexctl.InputError, match=r"gone\.toml: cannot be read: No such file"):
+            hexctl.read_settings()
+
+
+@pytest.mark.parametrize(
+    ("content", "line"),
+    [
+        (b"robot = [", r"^hexctl\.toml: is not valid TOML: Invalid value"),
+        (b"\xff\xfe", r"^hexctl\.toml: cannot be read as text"),
+        (b"robot = 3", r"^hexctl\.toml: robot: got 3; allowed: text, a shipped name or a robot file$"),
+        (b'robot = ""', r"^hexctl\.toml: robot: got ''; allowed: text"),
+        (b'runs = "a\\u0000b"', r"^hexctl\.toml: runs: got 'a.x00b'; allowed: text without null"),
+        (b"run.a-b = 1\nrun.a_b = 2", r"^hexctl\.toml: run\.a-b: is given twice"),
+        (b"x = 1\n" * 200_000, r"^hexctl\.toml: cannot be read: it is larger than 0\.1 MB"),
+        (b"a." * 3000 + b"b = 1", r"^hexctl\.toml: is not valid TOML"),
+        (b"x = " + b"[" * 5000, r"^hexctl\.toml: is not valid TOML"),
+    ],
+)
+def test_a_damaged_file_is_one_line(content: bytes, line: str) -> None:
+    Path("hexctl.toml").write_bytes(content)
+    with pytest.raises(hexctl.InputError, match=line) as caught:
+        hexctl.read_settings()
+    assert len(str(caught.value).splitlines()) == 1
+    assert find_settings().problems == (str(caught.value),)
+
+
+def test_a_file_that_is_a_folder_or_leads_nowhere_is_one_line() -> None:
+    Path("hexctl.toml").symlink_to("nowhere")
+    with pytest.raises(hexctl.InputError, match=r"^hexctl\.toml: cannot be read: No such file"):
+        hexctl.read_settings()
+    Path("hexctl.toml").unlink()
+    Path("hexctl.toml").mkdir()
+    with pytest.raises(hexctl.InputError, match=r"^hexctl\.toml: cannot be read: it is a pipe, a device"):
+        hexctl.read_settings()
 
 
 def test_every_command_follows_settings() -> None:
@@ -97,14 +187,6 @@ def test_what_is_typed_comes_first_then_variables(monkeypatch: pytest.MonkeyPatc
     assert defaults("run")["robot"] == "lukas"
 
 
-ON_NETWORK = 'backend = "zenoh"\nconnect = "tls/robot.local:7447"\nkeys = "keys"\n'
-LINKED = {"connect": "tls/robot.local:7447", "keys": Path("keys")}
-ON_PORT = 'backend = "dynamixel"\nconnect = "/dev/ttyUSB0:1000000"\nlisten = "tls/0.0.0.0:7447"\nkeys = "k"\n'
-PORT = {"connect": "/dev/ttyUSB0:1000000"}
-SERVED = {"listen": "tls/0.0.0.0:7447", "keys": Path("k")}
-WALKS = ("run", "adapt --failed-leg 5", "drive", "diagnose", "serve")
-
-
 def test_paths_begin_at_the_folder_of_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write("robot = './my.yaml'\n[run]\nrecord = 'walk.rrd'\n[adapt]\nprior = './prior.npz'\n")
     (tmp_path / ".git").mkdir()
@@ -121,11 +203,10 @@ def test_an_error_of_the_library_names_the_place_too(call: Call) -> None:
     assert "'bob'" in error
 
 
-def test_help_is_there_whatever_is_wrong(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_is_there_whatever_is_wrong(call: Call) -> None:
     write("robot = [")
-    for words in ([], ["run"], ["see"], ["prior", "build"]):
-        assert exit_code([*words, "--help"]) == 0
-    assert capsys.readouterr().err == ""
+    for words in ("--help", "run --help", "see --help", "prior build --help"):
+        assert call(words).err == ""
 
 
 @pytest.mark.slow
@@ -159,6 +240,13 @@ def followed(said: str) -> dict[str, set[str]]:
     lines = re.findall(r"^hexctl: (\S+) sets (.*)$", said, re.MULTILINE)
     return {place: set(options.split(", ")) for place, options in lines}
 
+
+ON_NETWORK = 'backend = "zenoh"\nconnect = "tls/robot.local:7447"\nkeys = "keys"\n'
+LINKED = {"connect": "tls/robot.local:7447", "keys": Path("keys")}
+ON_PORT = 'backend = "dynamixel"\nconnect = "/dev/ttyUSB0:1000000"\nlisten = "tls/0.0.0.0:7447"\nkeys = "k"\n'
+PORT = {"connect": "/dev/ttyUSB0:1000000"}
+SERVED = {"listen": "tls/0.0.0.0:7447", "keys": Path("k")}
+WALKS = ("run", "adapt --failed-leg 5", "drive", "diagnose", "serve")
 
 #: A file, a command, and what it follows.
 FOLLOWED: list[tuple[str, str, dict[str, Any]]] = [
@@ -241,22 +329,18 @@ def test_a_command_follows_what_it_has_a_use_for(text: str, words: str, followed
         ("robot = [", "check", "is not valid TOML"),
     ],
 )
-def test_what_is_wrong_is_refused_with_file_and_key(
-    text: str, words: str, key: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_wrong_is_refused_with_file_and_key(text: str, words: str, key: str, call: Call) -> None:
     write(text)
-    assert refused(words.split(), capsys).startswith(f"hexctl.toml: {key}: ")
+    assert call(words, code=2).refusal.startswith(f"hexctl: hexctl.toml: {key}: ")
 
 
 @pytest.mark.parametrize(
     "variable",
     ["RUN_DURATON", "RUN_DURATION", "RUN_REALTIME", "SESSIONS_DELETE_YES", "ROBTO"],
 )
-def test_variables_are_checked_likewise(
-    variable: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_variables_are_checked_likewise(variable: str, monkeypatch: pytest.MonkeyPatch, call: Call) -> None:
     monkeypatch.setenv(f"HEXCTL_{variable}", "x")
-    assert refused(["run"], capsys).startswith(f"HEXCTL_{variable}: ")
+    assert call("run", code=2).refusal.startswith(f"hexctl: HEXCTL_{variable}: ")
 
 
 @pytest.mark.slow
