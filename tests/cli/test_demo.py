@@ -1,12 +1,22 @@
-"""`hexctl demo`, `diagnose` and `doctor` as a user calls them."""
+"""The demo, and `hexctl demo` and `diagnose` as a user calls them."""
 
+import json
+import threading
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from hexctl.adapt.search import new_spec
+from hexctl.adapt.sessions.search_session import Session
 from hexctl.cli.console import StopOnInterrupt
 from hexctl.cli.prompts import LegPrompt
+from hexctl.demo import rescue
+from hexctl.errors import InputError
+from hexctl.recording.recorded_trial import LEG_CONDITIONS, read_trial
+from hexctl.robot.failure import Failure
+from hexctl.runs.run import RunResult
 from tests.cli.conftest import Call
 from tests.cli.terminals import type_in
 
@@ -44,18 +54,13 @@ def test_servos_that_echo_and_no_terminal_are_one_line(call: Call) -> None:
     assert len(printed.err.splitlines()) == 1
 
 
-def test_the_operator_answers_in_words_and_is_asked_again(
+def test_the_operator_answers_in_words_and_is_asked_again_until_the_input_ends(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     type_in(monkeypatch, "yes\nperhaps\nno\nquit\n")
     prompt = LegPrompt()
-    assert [prompt.moved(1), prompt.moved(2), prompt.moved(3)] == [True, False, None]
+    assert [prompt.moved(leg) for leg in range(1, 5)] == [True, False, None, None]
     assert "'perhaps'" in capsys.readouterr().err
-
-
-def test_an_input_that_ends_ends_the_questions(monkeypatch: pytest.MonkeyPatch) -> None:
-    type_in(monkeypatch, "")
-    assert LegPrompt().moved(1) is None
 
 
 @pytest.mark.slow
@@ -70,25 +75,86 @@ def test_a_walk_finds_its_failed_leg_first(failure: str, leg: int | None, call: 
 
 
 @pytest.mark.slow
-def test_doctor_says_what_works_and_which_settings_are_in_force_and_what_is_wrong(
-    monkeypatch: pytest.MonkeyPatch, call: Call
+def test_with_recovery_the_robot_keeps_its_speed_and_its_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    Path("hexctl.toml").write_text("robot = 'pexod'\nconnect = 'tls/secret.lab:7447'\n[run]\nduraton = 3\n")
-    for name in ("HEXCTL_OTHERS", "HEXCTL_PRIOR_BUILD_WORLDS", "HEXCTL_RUN_DURATON"):
-        monkeypatch.setenv(name, "3")
-    printed = call("doctor")
-    facts, _, works = printed.out.partition("\nwhat works\n")
-    rows = dict(line.split("  ", 1) for line in facts.splitlines())
-    assert list(rows)[:4] == ["hexctl", "python", "system", "processor"]
-    assert "robot = pexod, connect = given, run.duraton = 3" in rows["settings"]
-    assert "HEXCTL_OTHERS" in rows["unknown variables"]
-    assert "HEXCTL_PRIOR_BUILD_WORLDS" not in rows["unknown variables"]
-    assert "secret.lab" not in printed.out + printed.err
-    assert printed.err.startswith("hexctl: HEXCTL_RUN_DURATON: ")
-    answers = {line.split("  ")[0]: line.split("  ", 1)[1].strip() for line in works.splitlines()}
-    assert answers["simulate walks"] == "yes"
-    assert all(answer == "yes" or answer.startswith("NO: ") for answer in answers.values())
-    report = call("doctor --json").json
-    assert report["works"]["simulate walks"] is None
-    assert "HEXCTL_PRIOR_BUILD_WORLDS" in {one["key"] for one in report["settings"]["values"]}
-    assert {"HEXCTL_OTHERS", "HEXCTL_RUN_DURATON"} <= {*report["settings"]["unknown"]}
+    monkeypatch.setitem(rescue.PICTURE, "width_px", 160)
+    monkeypatch.setitem(rescue.PICTURE, "fps", 4)
+    monkeypatch.setattr(rescue, "new_spec", partial(new_spec, duration_s=2.0))
+    told: list[RunResult] = []
+    result = rescue.demo(budget=1, folder=tmp_path / "runs", on_walk=told.append)
+    walked_on, recovered = result.walked_on, result.recovered
+    assert walked_on is not None
+    assert recovered is not None
+    assert told == [walked_on, recovered]
+    assert rescue.speed_kept(walked_on) <= 0.6
+    assert rescue.speed_kept(recovered) > 0.95
+    assert recovered.trial.deviation is not None
+    assert recovered.trial.deviation.final < 0.04
+    (noticed,) = recovered.trial.noticed
+    assert noticed.failure.leg == rescue.EVENT.leg
+    assert rescue.EVENT.at_s < noticed.at_s < rescue.EVENT.at_s + 2
+    assert result.adaptation is not None
+    spec = result.adaptation.session.spec
+    assert (spec.broken, spec.world, spec.budget) == (Failure(leg=5), f"{result.world}@0.5ms", 1)
+    said = json.loads(json.dumps(result.to_dict()))
+    assert said["recovered"]["speed_kept"] > said["walked_on"]["speed_kept"]
+    _check_recordings(result)
+    _check_picture(result)
+
+
+def _check_recordings(result: rescue.DemoResult) -> None:
+    assert [path.name for path in result.recordings] == ["walked-on.rrd", "recovered.rrd"]
+    for path in result.recordings:
+        conditions = read_trial(path).leg_conditions[:, rescue.EVENT.leg - 1]
+        assert LEG_CONDITIONS[conditions[0]] == "whole"
+        assert LEG_CONDITIONS[conditions[-1]] == "failed"
+
+
+def _check_picture(result: rescue.DemoResult) -> None:
+    """The picture is there, or the reason is said."""
+    assert (result.picture is None) is (result.no_picture is not None)
+    if result.picture is not None:
+        assert result.picture.parent == result.folder
+        assert result.picture.stat().st_size < 3_000_000
+
+
+@pytest.mark.slow
+def test_a_stop_leaves_what_was_walked_before_it(tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setattr(rescue, "WALK_S", 7.0)
+    told: list[RunResult] = []
+    begun: list[Session] = []
+    result = rescue.demo(
+        folder=tmp_path, on_walk=told.append, on_begin=begun.append, stop_requested=lambda: bool(begun)
+    )
+    assert result.interrupted
+    assert [result.walked_on, result.recovered] == told
+    assert result.picture is None
+    assert "race" not in {thread.name for thread in threading.enumerate()}, "it would draw while Python ends"
+    asked = iter(range(10_000))
+    again = rescue.demo(folder=tmp_path, stop_requested=lambda: next(asked) > 30)
+    assert again.interrupted
+    assert again.walked_on is not None
+    assert (again.recovered, again.adaptation, len(again.recordings)) == (None, None, 1)
+    assert again.folder != result.folder, "nothing is replaced"
+
+
+@pytest.mark.slow
+def test_an_unexpected_error_of_the_drawing_is_part_of_the_result(tmp_path: Path, monkeypatch: Any) -> None:
+    def export(*_: object, **__: object) -> None:
+        raise ValueError("no encoder")
+
+    monkeypatch.setattr(rescue, "export", export)
+    result = rescue.DemoResult(event=rescue.EVENT, world=rescue.WORLD, folder=tmp_path)
+    assert rescue._drawn(result, lambda: False) == {"no_picture": "ValueError: no encoder"}
+
+
+@pytest.mark.slow
+def test_what_cannot_be_is_refused_before_anything_walks(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="budget"):
+        rescue.demo(budget=0, folder=tmp_path)
+    assert not list(tmp_path.iterdir())
+    taken = tmp_path / "taken"
+    taken.touch()
+    with pytest.raises(InputError, match="taken"):
+        rescue.demo(folder=taken)

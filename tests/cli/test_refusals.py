@@ -15,25 +15,21 @@ run --robot /nowhere/bob.yaml => /nowhere/bob.yaml
 run --world full => 'full' is a folder
 run --world transfer:-1 => --world
 run --gait 121 --failed-leg 2 => --gait
-run --gait 1,2,x,4,5,6 => 1,2,x,4,5,6
 run --then lope@0.3 => --then
 run --duration 1 --then wave@5 => --then
-run --turn 300 => --turn
 run --amplitude 0.6 => leg 1
 run --height -1 => height
 run --tuck 1,2,3,4 => --tuck
-run --stance-shift 1 => --stance-shift
 run --trim 2 => --trim
+run --stance-shift 1 => --stance-shift
 run --arena wide => --arena
 run --failed-leg 5 --failed-leg 6 => --failed-leg: typed 2 times; allowed: once, several values with commas
 run --failed-leg 5 --failure 5:locked@8 => --failure: got 5:locked@8, when leg 5 is locked already
 run --gait best:nosuch => nosuch
 prior build --failed-leg 5 => --failed-leg; did you mean --legs?
-run --heading 1e9 => --heading: got 1e9; allowed: -360 to 360 deg
 run --failed-leg auto,5 => --failed-leg
 run --failed-leg auto --failure limp => --failure
 run --failed-leg auto --backend mock --failure 5:limp => --failure
-run --failure 1:sad => --failure
 run --failure 5:stuck:femur:10@3 => --failure
 run --failure 5:locked@31 => --failure
 run --failure 5:locked@3 --backend mock => --failure
@@ -42,16 +38,11 @@ run --heal 5@8 --backend zenoh => --heal
 run --policy stop --recover => --recover
 run --backend json:JSONDecoder => json:JSONDecoder
 run --backend no.such:Thing => no.such:Thing
-run --backend zenoh --connect banana => --connect
 run --connect tcp/127.0.0.1:1 => --connect
-run --record a-file/walk.rrd => a-file is a file
-adapt --failed-leg 0 => --failed-leg
 adapt --failed-leg 5 --worth 0.1 --optimizer pso => --worth
-adapt --failed-leg 5 --optimizer magic => --optimizer
 adapt --failed-leg 5 --objective haste => --objective
 adapt --failed-leg 5 --objective speed --target 1% => --target
 adapt --failed-leg 5 --ask => --ask
-adapt --failed-leg 5 --backend mock --arena wide => --arena
 adapt --failed-leg 5 --backend mock --arena 1 => --arena
 adapt --failed-leg 5 --backend mock --arena 5 --heading 20 => --heading
 adapt --failed-leg 5 --backend mock --connect tcp/robot:7447 => --connect
@@ -76,13 +67,10 @@ drive --no-record --record x.rrd => --no-record
 diagnose --backend mock --failed-leg 2 => --failed-leg
 diagnose --failure 2:limp@3 => --failure
 check ant --robot pexod => pexod
-check ant --world flat => --world
-view nobody => nobody
 view --keys x => --keys
 view a.rrd --connect tcp/127.0.0.1:1 => --connect
 sessions show nobody => nobody
 export nosuch --to csv => session
-export ant --to csv => export
 export ant -o a-file/ant.urdf => a-file is a file
 serve --backend zenoh => --backend
 serve --backend mock --failed-leg 5 => --failed-leg
@@ -97,14 +85,12 @@ status --watch --json => --watch
 calibrate ant => ant
 calibrate mine.yaml --joints leg7 => --joints
 servos scan --robot freenove-big => hobby servos
-servos scan --driver feetech => --connect
 servos scan --driver feetech --connect x --baud 9 => --baud
 servos identify --model lx224 --driver feetech --connect x => --model
 servos set-id 300 --driver feetech --connect x => 300
 servos adopt --robot phantomx --connect x => --driver
 servos adopt --connect x => --robot
 see --camera no-such.mp4 --no-link => --camera
-see --camera 0 --size 8 => --size
 see --camera 0 --page 0.0.0.0:8019 => --page
 see latency => --camera
 see calibrate a.png --camera 0 => --camera
@@ -137,7 +123,6 @@ study --transfer --world slippery => --world
 study --hold --optimizers pso => --optimizers
 study --hold --holds auto => --holds
 study --hold --robot ant,ant => --robot
-study --hold --worlds 1001 => --worlds
 study --recovery --hold => --recovery
 study --recovery --budget 3 => --budget
 study --recovery --methods nothing,hope => --methods
@@ -150,9 +135,7 @@ identify walk.rrd --yes => --yes
 identify -o none/identified.yaml => --output
 identify -o a-file/identified.yaml => --output
 identify --backend mock --world stand => --world
-prior build --worlds 1 => --worlds
 prior build --legs '' => --legs
-prior build --duration 5 => --duration
 prior build --family flat => ranges
 prior build --out x.zip => --out
 prior build --out folder.npz => --out
@@ -188,15 +171,11 @@ def files() -> dict[Path, int]:
 @pytest.mark.parametrize(("line", "named"), CASES, ids=[line for line, _ in CASES])
 def test_it_is_refused_in_one_line_that_names_the_option(line: str, named: str, call: Call) -> None:
     before = files()
-    printed = call(*shlex.split(line), code=2)
-    assert printed.out == ""
-    assert len(printed.err.splitlines()) == 1
-    assert named in printed.err
+    assert named in call(*shlex.split(line), code=2).refusal
     assert files() == before
 
 
 def test_messages_that_users_often_see(capsys: pytest.CaptureFixture[str]) -> None:
-    """The only test of wordings."""
     told = []
     for line in MESSAGES.read_text().splitlines()[::2]:
         exit_code(shlex.split(line.removeprefix("$ hexctl ")))

@@ -1,4 +1,4 @@
-"""What works on a computer, by what it has, and what is said of its settings."""
+"""`hexctl doctor`: what works on a computer, by what it has, and what is said of its settings."""
 
 import json
 import os
@@ -15,6 +15,7 @@ from hexctl.doctor import checkup, connections, machine, packages
 from hexctl.doctor.connections import Connections, Device, NetworkPort
 from hexctl.doctor.machine import Drawing, Machine
 from hexctl.doctor.settings_check import SettingFound, read_settings_found
+from tests.cli.conftest import Call
 
 FORBIDDEN = Device(path="/dev/ttyUSB0", name="USB", group="dialout", usable=False)
 
@@ -132,7 +133,6 @@ def test_a_graphics_library_that_ends_its_process_draws_nothing(monkeypatch: Any
 
 
 def test_values_have_their_place_and_name_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("HEXCTL_ROBOT", f"{tmp_path}/my.yaml")
     monkeypatch.setenv("HEXCTL_RUN_SEED", "3")
@@ -144,3 +144,28 @@ def test_values_have_their_place_and_name_nobody(tmp_path: Path, monkeypatch: py
     assert found["run.duration"] == SettingFound(key="run.duration", value="2", origin="hexctl.toml")
     assert found["HEXCTL_RUN_SEED"].value == "3"
     assert found["connect"].value == found["see.camera"].value == "given"
+
+
+@pytest.mark.slow
+def test_doctor_says_what_works_and_which_settings_are_in_force_and_what_is_wrong(
+    monkeypatch: pytest.MonkeyPatch, call: Call
+) -> None:
+    Path("hexctl.toml").write_text("robot = 'pexod'\nconnect = 'tls/secret.lab:7447'\n[run]\nduraton = 3\n")
+    for name in ("HEXCTL_OTHERS", "HEXCTL_PRIOR_BUILD_WORLDS", "HEXCTL_RUN_DURATON"):
+        monkeypatch.setenv(name, "3")
+    printed = call("doctor")
+    facts, _, works = printed.out.partition("\nwhat works\n")
+    rows = dict(line.split("  ", 1) for line in facts.splitlines())
+    assert list(rows)[:4] == ["hexctl", "python", "system", "processor"]
+    assert "robot = pexod, connect = given, run.duraton = 3" in rows["settings"]
+    assert "HEXCTL_OTHERS" in rows["unknown variables"]
+    assert "HEXCTL_PRIOR_BUILD_WORLDS" not in rows["unknown variables"]
+    assert "secret.lab" not in printed.out + printed.err
+    assert printed.err.startswith("hexctl: HEXCTL_RUN_DURATON: ")
+    answers = {line.split("  ")[0]: line.split("  ", 1)[1].strip() for line in works.splitlines()}
+    assert answers["simulate walks"] == "yes"
+    assert all(answer == "yes" or answer.startswith("NO: ") for answer in answers.values())
+    report = call("doctor --json").json
+    assert report["works"]["simulate walks"] is None
+    assert "HEXCTL_PRIOR_BUILD_WORLDS" in {one["key"] for one in report["settings"]["values"]}
+    assert {"HEXCTL_OTHERS", "HEXCTL_RUN_DURATON"} <= {*report["settings"]["unknown"]}
