@@ -16,6 +16,7 @@ from hexctl.cli import completion
 from hexctl.cli.main import exit_code
 from hexctl.robot.configs import config_names
 from tests.adapt.walking import SPEC
+from tests.cli.terminals import run_program
 
 #: Calls hexctl as its console script does, and says on stderr what it has loaded.
 HEXCTL = """
@@ -78,16 +79,8 @@ def test_values_are_offered(line: str, offered: list[str], asked: Asked) -> None
 
 @pytest.mark.slow
 @pytest.mark.parametrize("shell", SHELLS)
-def test_all_shells_are_answered(shell: str, tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", HEXCTL],
-        cwd=tmp_path,
-        env=os.environ | variables(shell, "hexctl run --robot ph"),
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=True,
-    )
+def test_all_shells_are_answered(shell: str) -> None:
+    done = run_program(HEXCTL, **variables(shell, "hexctl run --robot ph"))
     assert done.stderr.strip() == "[]", "a Tab must not wait for these to load"
     words = re.findall(r"phantomx\S*", done.stdout.replace('"', " "))
     assert sorted({*words}) == ["phantomx", "phantomx-ax"]

@@ -5,7 +5,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from hexctl.cli.progress import StatusLine
 from hexctl.cli.render.tables import label_table, plain_table
 from hexctl.signals import ending_signals
 from tests.cli.conftest import Call
-from tests.cli.terminals import WITH_TERMINAL, on_terminal, wait_until_it_grows
+from tests.cli.terminals import WITH_TERMINAL, on_terminal, run_program, wait_until_it_grows
 from tests.server.processes import ROOT, free_port
 
 #: Runs a command, and interrupts it where a module begins to be imported.
@@ -48,26 +47,22 @@ main()
 WALK = "run --duration 0.2 --record walk.rrd"
 
 
-def interrupted(
-    module: str, folder: Path, *, times: int = 1, words: str = WALK
-) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, "-c", PROGRAM, module, str(times), *words.split()]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+def interrupted(module: str, *, times: int = 1, words: str = WALK) -> "subprocess.CompletedProcess[str]":
+    return run_program(PROGRAM, module, str(times), *words.split())
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("module", "quiet"),
     [
-        ("hexctl.cli.main", False),
         ("pydantic_core._pydantic_core", False),
         # Once the walk is asked for, its own soft stop answers, which prints a result.
         ("mujoco._structs", True),
         ("rerun_bindings", True),
     ],
 )
-def test_ctrl_c_in_an_import_is_one_line_and_130(module: str, quiet: bool, tmp_path: Path) -> None:
-    done = interrupted(module, tmp_path)
+def test_ctrl_c_in_an_import_is_one_line_and_130(module: str, quiet: bool) -> None:
+    done = interrupted(module)
     assert done.returncode == 130, done.stderr
     assert all(line.startswith("hexctl: ") for line in done.stderr.splitlines())
     assert len(done.stderr.splitlines()) == 1 or (quiet and not done.stderr)
@@ -76,24 +71,22 @@ def test_ctrl_c_in_an_import_is_one_line_and_130(module: str, quiet: bool, tmp_p
 
 @pytest.mark.parametrize("module", ["typer", "hexctl.cli.walk.run_command"])
 def test_ctrl_c_before_a_command_says_that_nothing_was_done(module: str, tmp_path: Path) -> None:
-    done = interrupted(module, tmp_path)
-    assert (done.returncode, done.stderr) == (
-        130,
-        "hexctl: interrupted before the command began: nothing was done\n",
-    )
+    done = interrupted(module)
+    assert done.returncode == 130
+    assert done.stderr == "hexctl: interrupted before the command began: nothing was done\n"
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow
-def test_a_second_one_does_not_wait(tmp_path: Path) -> None:
-    done = interrupted("pydantic_core._pydantic_core", tmp_path, times=2)
+def test_a_second_one_does_not_wait() -> None:
+    done = interrupted("pydantic_core._pydantic_core", times=2)
     assert (done.returncode, done.stderr) == (130, "hexctl: interrupted\n")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("module", ["typer", "hexctl.client.stop_client"])
-def test_a_stop_that_is_interrupted_says_that_it_has_stopped_nothing(module: str, tmp_path: Path) -> None:
-    done = interrupted(module, tmp_path, words="estop --connect tcp/127.0.0.1:9")
+def test_a_stop_that_is_interrupted_says_that_it_has_stopped_nothing(module: str) -> None:
+    done = interrupted(module, words="estop --connect tcp/127.0.0.1:9")
     assert (done.returncode, len(done.stderr.splitlines())) == (130, 1)
     assert done.stderr.endswith(f"{NOT_CONFIRMED}\n")
 
@@ -137,13 +130,7 @@ DROPPED = """import hexctl.threads
     ids=["ended", "a thread lingers", "a walk was dropped"],
 )
 def test_a_ctrl_c_after_the_end_of_a_command_is_no_signal_and_no_traceback(last: str, code: int) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", ENDED.format(last=last)],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    done = run_program(ENDED.format(last=last))
     assert (done.returncode, done.stdout, done.stderr) == (code, "", "")
 
 
@@ -169,20 +156,17 @@ def test_a_ctrl_c_after_a_walk_is_not_before_it(
     monkeypatch.setattr("hexctl.runs.run.Run.__exit__", interrupt)
     path = tmp_path / "walk.rrd"
     for record, said in ((["--no-record"], ""), (["--record", str(path)], f"; recorded: {path}")):
-        assert (
-            call("run --duration 0.2", *record, code=130).err.splitlines()[-1]
-            == f"hexctl: interrupted after the walk{said}"
-        )
+        err = call("run --duration 0.2", *record, code=130).err
+        assert err.splitlines()[-1] == f"hexctl: interrupted after the walk{said}"
 
 
-@pytest.mark.parametrize("command", [["run"], ["sessions", "list"]])
+@pytest.mark.parametrize("command", ["run", "sessions list"])
 def test_a_ctrl_c_that_a_command_does_not_handle_is_a_line(
-    command: list[str], call: Call, monkeypatch: pytest.MonkeyPatch
+    command: str, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("hexctl.runs.run.Run.__init__", interrupt)
     monkeypatch.setattr("hexctl.adapt.sessions.store.list_sessions", interrupt)
-    (line,) = call(*command, code=130).err.splitlines()
-    assert line.endswith("nothing was recorded") is (command == ["run"])
+    assert call(command, code=130).line.endswith("nothing was recorded") is (command == "run")
 
 
 @pytest.fixture

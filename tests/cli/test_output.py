@@ -96,6 +96,7 @@ def shown(capsys: pytest.CaptureFixture[str], **changes: Any) -> dict[str, str]:
         ({"servo_link": LOST}, "link", "90 messages came; 2 lost"),
         ({"clipped_ticks": 170}, "guard", "170 commands clipped, too fast"),
         ({"clipped_ticks": 9}, "guard", "9 of 500 commands clipped"),
+        ({"clipped_ticks": 170, **LEG_5}, "guard", "170 commands clipped"),
         ({"stopped": "leg 5 limp", **LEG_5, "status": "aborted"}, "next: the s", "ame with --policy glide"),
         ({**LEG_5, "status": "aborted", "warnings": HOT}, "next: let l", "eg 5 femur (id 15) cool down"),
         ({"stopped": "hot: leg 5 femur 72 C", "status": "aborted"}, "next: let l", "eg 5 femur cool down"),
@@ -114,12 +115,6 @@ def test_a_row_of_a_walk(
     shows = shown(capsys, **changes)[label]
     assert shows.startswith(text)
     assert ("--pace" in shows) == ("too fast" in text)
-
-
-def test_a_walk_that_recovered_gets_no_advice_for_clipped_commands(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert shown(capsys, clipped_ticks=170, **LEG_5)["guard"] == "170 commands clipped"
 
 
 @pytest.mark.parametrize(
