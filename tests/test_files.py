@@ -162,13 +162,6 @@ def test_an_archive_that_would_fill_the_memory_is_refused_before_it_is_unpacked(
     assert len(capsys.readouterr().err.splitlines()) == 1
 
 
-def test_an_archive_of_usual_size_is_read(tmp_path: Path) -> None:
-    np.savez_compressed(tmp_path / "a.npz", numbers=np.arange(3.0), head=np.array("text"))
-    with open_archive(tmp_path / "a.npz") as file:
-        assert file["numbers"].tolist() == [0.0, 1.0, 2.0]
-        assert str(file["head"]) == "text"
-
-
 def test_the_folder_is_systemds_or_the_users(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     assert state_folder() == tmp_path / "hexctl"

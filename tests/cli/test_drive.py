@@ -70,26 +70,6 @@ def test_a_terminal_that_goes_ends_at_a_stand_with_a_whole_recording(tmp_path: P
 
 
 @pytest.mark.realtime
-def test_the_page_drives_and_stops(tmp_path: Path) -> None:
-    with on_terminal(tmp_path, "--page", "127.0.0.1:0", "--no-keyboard") as terminal:
-        url = terminal.wait(r"drive on http://127\.0\.0\.1:\d+/\s")
-        port = re.search(r"127\.0\.0\.1:(\d+)", url)
-        assert port is not None
-        with paged(port[1]) as page:
-
-            def told(**wanted: object) -> bool:
-                status = json.loads(page.recv(timeout=WAIT_S))
-                page.send(json.dumps({"v": [0.5, 0, 0]}))
-                return all(status.get(name) == value for name, value in wanted.items())
-
-            wait_for(lambda: told(mode="driving", source="page"), WAIT_S, "the page does not drive")
-            page.send(json.dumps({"do": "stop"}))
-            wait_for(lambda: told(stopped="stop button", velocity=[0, 0, 0]), WAIT_S, "it does not stop")
-            page.send(json.dumps({"do": "quit"}))
-        assert terminal.code() == 0
-
-
-@pytest.mark.realtime
 def test_a_stop_of_the_page_is_latched_at_a_served_robot_until_a_person_clears_it(tmp_path: Path) -> None:
     with served(tmp_path, backend="sim") as robot:
         link = ("--backend", "zenoh", "--connect", robot.endpoint)
@@ -105,6 +85,8 @@ def test_a_stop_of_the_page_is_latched_at_a_served_robot_until_a_person_clears_i
                     return said
 
                 status(mode="driving")
+                page.send(json.dumps({"v": [0.5, 0, 0]}))
+                status(source="page")
                 page.send(json.dumps({"do": "stop"}))
                 clear = status(stopped="estop")["clear"]
                 assert clear == f"hexctl estop --clear --connect {robot.endpoint}"

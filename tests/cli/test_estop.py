@@ -227,9 +227,7 @@ def test_arguments_in_doubt_are_left_to_the_command_line(arguments: list[str]) -
     assert place_of(arguments) is None
 
 
-def test_the_tab_key_and_wrong_settings_stop_nothing_early(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_the_tab_key_and_wrong_settings_stop_nothing_early(monkeypatch: pytest.MonkeyPatch) -> None:
     assert place_of([]) is not None
     monkeypatch.setenv("_HEXCTL_COMPLETE", "complete_bash")
     assert place_of([]) is None

@@ -3,7 +3,8 @@
 import math
 import re
 from collections.abc import Iterator
-from typing import Any, Literal, get_origin
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal, get_origin
 
 import pytest
 import typer
@@ -11,8 +12,20 @@ import typer
 from hexctl.cli.grouped_help import MOST_UNGROUPED
 from hexctl.cli.main import COMMANDS, app
 from hexctl.cli.suggestions import SYNONYMS
+from hexctl.errors import InputError, WrongTypeError
 from hexctl.gait.gait import NAMED_SLOTS
-from hexctl.options import Option, Range
+from hexctl.options import (
+    RARE,
+    UNTYPED,
+    Option,
+    Panel,
+    Range,
+    Typed,
+    check_fields,
+    check_names,
+    check_used,
+    options_of,
+)
 from hexctl.robot.configs import config_names
 from hexctl.robot.failure import FAILURE_KINDS
 from tests.cli.conftest import Call
@@ -90,9 +103,8 @@ def test_every_range_of_a_field_is_read_and_refused_beyond_with_its_flag(
         field = math.radians(good) if option.range.degrees else good
         assert context.params[option.name] == pytest.approx(field)
         for bad in outside(option.range):
-            assert call(*path.split()[1:], f"--{option.flag}", f"{bad:.15g}", code=2).err.startswith(
-                f"hexctl: --{option.flag}: got "
-            )
+            err = call(*path.split()[1:], f"--{option.flag}", f"{bad:.15g}", code=2).err
+            assert err.startswith(f"hexctl: --{option.flag}: got ")
 
 
 @EVERY
@@ -101,9 +113,8 @@ def test_what_is_no_number_or_no_choice_is_refused_with_its_flag(path: str, comm
         bad = ["x", "nan"] if is_number(parameter) else []
         bad += ["no-such-word"] if get_origin(parameter.type_descriptor.annotation) is Literal else []
         for value in bad:
-            assert call(*path.split()[1:], parameter.opts[0], value, code=2).err.startswith(
-                f"hexctl: {parameter.opts[0]}: got "
-            )
+            err = call(*path.split()[1:], parameter.opts[0], value, code=2).err
+            assert err.startswith(f"hexctl: {parameter.opts[0]}: got ")
 
 
 def test_names_in_help_texts_are_those_that_exist() -> None:
@@ -166,3 +177,92 @@ def test_proposed_commands_exist() -> None:
     meant = {command.split()[0] for command in SYNONYMS.values()}
     assert meant <= COMMANDS.keys() | {"list", "delete", "copy"}
     assert not SYNONYMS.keys() & COMMANDS.keys()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """Where a thing is."""
+
+    PANEL: ClassVar = "Connection"
+
+    connect: str | None = None
+    """Where it is."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Thing(Place):
+    """What a thing does."""
+
+    PANEL: ClassVar = "Walk"
+
+    pace_hz: Annotated[float, Range(low=0, high=10, above=True), RARE] = 1.0
+    """Cycles per second, {}."""
+
+    turn_rad: Annotated[float | None, Range(low=-90, high=90, degrees=True), Typed(flag="turn")] = None
+    """Degrees to turn, {}."""
+
+    mode: Annotated[Literal["auto", "none"], Panel("Other")] = "auto"
+    """What it holds."""
+
+    inner: Annotated[int, UNTYPED] = 0
+    """Only for Python."""
+
+    connect: str | None = "here"
+    """Where this one is."""
+
+
+def test_own_options_come_first_each_with_its_flag_group_and_range() -> None:
+    found = [(one.name, one.flag, one.panel, one.rare) for one in options_of(Thing)]
+    assert found == [
+        ("pace_hz", "pace", "Walk", True),
+        ("turn_rad", "turn", "Walk", False),
+        ("mode", "mode", "Other", False),
+        ("connect", "connect", "Connection", False),
+    ]
+    texts = {one.name: one.text for one in options_of(Thing)}
+    assert texts["pace_hz"] == "Cycles per second, above 0 up to 10."
+    assert texts["connect"] == "Where this one is."
+
+
+@pytest.mark.parametrize(
+    ("fields", "error", "named"),
+    [
+        ({"pace_hz": 11.0}, InputError, "pace_hz"),
+        ({"pace_hz": "1"}, WrongTypeError, "pace_hz"),
+        ({"pace_hz": True}, WrongTypeError, "pace_hz"),
+        ({"turn_rad": 3.0}, InputError, "turn_rad"),
+        ({"mode": "line"}, InputError, "mode"),
+        ({"connect": 5}, WrongTypeError, "connect"),
+        ({"inner": 1.5}, WrongTypeError, "inner"),
+    ],
+)
+def test_a_value_that_its_type_does_not_allow_is_refused(
+    fields: dict[str, object], error: type[InputError], named: str
+) -> None:
+    with pytest.raises(error, match=f"^{named}: got"):
+        check_fields(Thing(**fields))  # type: ignore[arg-type]
+
+
+def test_values_that_the_types_allow_pass() -> None:
+    check_fields(Thing(pace_hz=2, turn_rad=1.5, mode="none", connect=None))
+
+
+def test_a_caller_in_python_reads_its_number_in_radians() -> None:
+    with pytest.raises(InputError, match=r"^turn_rad: got 90; allowed: -1\.5708\.\.1\.5708$"):
+        check_fields(Thing(turn_rad=90.0))
+
+
+def test_an_option_that_nothing_uses_is_refused_unless_it_is_its_default() -> None:
+    check_used(Thing(), ("pace_hz", "connect"), "with a robot")
+    with pytest.raises(InputError, match=r"^pace_hz: got 2; allowed: with a robot$"):
+        check_used(Thing(pace_hz=2.0), ("pace_hz", "connect"), "with a robot")
+
+
+def make(*, stop: bool = False, **options: float) -> None:  # noqa: ARG001
+    check_names(make, options, Thing)
+
+
+def test_a_keyword_that_is_no_field_is_refused_with_the_nearest_one() -> None:
+    make(pace_hz=2, stop=True)
+    with pytest.raises(InputError, match=r"^make: got pace; allowed: .*, stop; did you mean 'pace_hz'\?$"):
+        make(pace=2)

@@ -1,7 +1,6 @@
 """`hexctl serve` and `status`: what they print, and how they end."""
 
 import json
-import signal
 import socket
 from contextlib import nullcontext
 from pathlib import Path
@@ -12,7 +11,6 @@ import pytest
 from rich.console import Console
 
 from hexctl.backends.mock import MockServos
-from hexctl.cli.main import exit_code
 from hexctl.cli.network.status_command import status_rows, status_table
 from hexctl.server.serve_options import ServedOptions
 from hexctl.wire.certificates import make_certificates
@@ -26,23 +24,15 @@ def test_a_view_without_a_viewers_certificate_is_refused_before_anything_is_serv
     tmp_path: Path, call: Call
 ) -> None:
     make_certificates(tmp_path / "keys", hosts=["localhost"], days=1)
-    options = (
-        "--view",
-        "--listen",
-        f"tls/127.0.0.1:{free_port()}",
-        "--keys",
-        str(tmp_path / "keys" / "robot"),
-    )
-    assert len(call("serve --backend mock", *options, code=2).err.splitlines()) == 1
+    keys, endpoint = str(tmp_path / "keys" / "robot"), f"tls/127.0.0.1:{free_port()}"
+    assert call("serve --backend mock --view --listen", endpoint, "--keys", keys, code=2).line
 
 
 @pytest.mark.realtime
-def test_an_address_that_is_taken_is_said_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_address_that_is_taken_is_said_in_one_line(call: Call) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
-        assert exit_code(["serve", "--backend", "mock", "--listen", endpoint]) == 3
-    (line,) = capsys.readouterr().err.splitlines()
-    assert endpoint in line
+        assert endpoint in call("serve --backend mock --listen", endpoint, code=3).line
 
 
 @pytest.mark.realtime
@@ -61,17 +51,6 @@ def test_own_servos_that_raise_end_it_as_a_fault_in_one_line(
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     (*_, line) = call("serve --backend", RECORDED, "--listen", endpoint, code=3).err.splitlines()
     assert line.endswith(f"Driver.{method} raised ZeroDivisionError: no such register")
-
-
-@pytest.mark.realtime
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGUSR1])
-def test_it_ends_softly_when_asked(tmp_path: Path, number: signal.Signals) -> None:
-    with served(tmp_path, backend="mock") as robot:
-        assert hexctl("estop", "--connect", robot.endpoint).returncode == 0
-        robot.wait_for("STOPPED: estop")
-        robot.signal(number)
-        assert robot.wait() == 0
-        assert "Traceback" not in robot.said()
 
 
 @pytest.mark.realtime

@@ -1,6 +1,8 @@
-"""`hexctl servos` and `ports` as a user calls them."""
+"""`hexctl servos`, `ports` and `sim board` as a user calls them."""
 
 import os
+import signal
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -11,10 +13,12 @@ from serial.tools.list_ports_common import ListPortInfo
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.types import JOINT_NAMES
-from tests.backends.bus.boards import MemoryBus, a_map, memory_bus
+from tests.backends.bus.boards import a_map, memory_bus
+from tests.backends.mavlink.boards import PATIENCE_S, board
 from tests.cli.conftest import Call
 from tests.cli.terminals import type_in
 from tests.robots import edited_file, put
+from tests.server.processes import free_port
 
 ONLY_ONE = [
     f"mute:{leg}:{joint}"
@@ -45,23 +49,6 @@ def test_servos_at_another_baud_are_hinted_at_and_found_with_all(model: str, cal
         assert "servos answer at 115200 baud: a wrong baud rate" in printed.err
         found = call(*words, "--baud", "all").json
     assert [(each["id"], each["baud"]) for each in found] == [(1, 115_200)]
-
-
-@pytest.mark.parametrize("driver", ["dynamixel", "feetech"])
-def test_servos_of_two_families_on_one_line_are_both_found(
-    driver: str, call: Call, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    slow, fast = (
-        MemoryBus(a_map("dynamixel", "xl430-w250"), *ONLY_ONE, baud=57_600),
-        MemoryBus(a_map(), *ONLY_ONE),
-    )
-    monkeypatch.setattr(
-        "hexctl.backends.bus.tools.SerialLine",
-        lambda path, baud: (slow if baud == 57_600 else fast).open(path, baud),
-    )
-    words = ["servos", "scan", "--driver", driver, "--connect", fast.path, "--baud", "all", "--json"]
-    (found,) = [each for each in call(*words).json if each["model"]]
-    assert found["baud"] == {"dynamixel": 57_600, "feetech": 1_000_000}[driver]
 
 
 def test_a_servo_is_tested_with_consent_only(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -176,3 +163,59 @@ def test_driver_and_port_of_a_calibration_come_from_the_robot_file(
     ):
         assert named in call("calibrate", str(file), *options, code=code).err
     assert file.read_text() == before
+
+
+@pytest.mark.realtime
+def test_it_says_where_it_is_and_ends_with_ctrl_c(tmp_path: Path) -> None:
+    words = ["sim", "board", "--backend", "mock", "--connect", f"udpin:127.0.0.1:{free_port()}"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "hexctl", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+    )
+    try:
+        assert process.stderr is not None
+        greeting = process.stderr.readline()
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=PATIENCE_S)
+    finally:
+        process.kill()
+    assert "udpin:127.0.0.1:" in greeting
+    assert (process.returncode, out, err) == (0, "", "")
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    ("bus", "model", "robot"),
+    [
+        ("feetech", None, "phantomx"),
+        ("servo2040", "fork", "ant"),
+        ("pca9685", None, "ant"),
+    ],
+)
+def test_a_walk_goes_through_a_simulated_bus(bus: str, model: str | None, robot: str, call: Call) -> None:
+    """A pseudo-terminal, and a socket for i2c."""
+    models = ("--model", model) if model else ()
+    with board("--bus", bus, *models, "--backend", "mock", "--robot", robot) as running:
+        words = ["--robot", robot, "--duration", "1", "--no-record", "--json"]
+        assert call("run --backend", bus, "--connect", running.port, *words).json["status"] == "ok"
+        report = running.end()
+    assert report["goals"] > 50
+    assert not report.get("torn")
+    assert not report.get("refused")
+    if bus == "pca9685":
+        assert not Path(running.port).parent.exists(), "its folder is gone"
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    ("fault", "message"), [("reset@4", "loss of power"), ("unplug@4", "Remote I/O error")]
+)
+def test_what_happens_to_boards_on_an_i2c_bus_is_said(fault: str, message: str, call: Call) -> None:
+    with board("--bus", "pca9685", "--backend", "mock", "--robot", "ant", "--fault", fault) as running:
+        words = ["--robot", "ant", "--duration", "60", "--no-record", "--json"]
+        outcome = call("run --backend pca9685 --connect", running.port, *words, code=3).json
+        assert message in outcome["stopped"]
+        running.end()

@@ -53,7 +53,7 @@ PARSED = {
     ("study", "--hold"): "walks for an hour; tests/cli/test_study.py has a small one",
     ("study", "--recovery"): "walks for hours; tests/cli/test_study.py has a small one",
     ("study", "--matrix"): "simulates for hours; tests/study has a small one",
-    ("prior", "build"): "walks 120 gaits a world, for minutes; tests/cli/test_prior.py has it",
+    ("prior", "build"): "walks 120 gaits a world, for minutes; tests/cli/test_study.py has it",
     ("run", "2:limp@8"): "fails later than a shortened walk ends; tests/cli/test_run.py has one",
     ("run", "5:locked@8"): "the same",
     (
