@@ -7,7 +7,7 @@ import signal
 import socket
 import sys
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from io import BytesIO
@@ -226,25 +226,29 @@ HOSTILE = "x\x1b[2J\r\u202e\u2066\x9b1m[bold red][link=http://there]\0connect\0\
 AS_IT_IS = "[bold red][link=http://there]"
 
 
-def printed(words: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
-    """Exit code and output of a command, which must be lines of text."""
-    code = exit_code(words)
-    output = "".join(capsys.readouterr())
-    assert [line for line in output.split("\n") if not line.isprintable()] == []
-    assert "Traceback" not in output
-    return code, output
+#: Calls a command, and returns its exit code and output, which must be lines of text.
+Text = Callable[..., tuple[int, str]]
 
 
+@pytest.fixture
+def printed(capsys: pytest.CaptureFixture[str]) -> Text:
+    """Call a command that must print nothing but text."""
+
+    def called(*words: str) -> tuple[int, str]:
+        code = exit_code(words)
+        output = "".join(capsys.readouterr())
+        assert [line for line in output.split("\n") if not line.isprintable()] == []
+        assert "Traceback" not in output
+        return code, output
+
+    return called
+
+
+#: What a robot says of itself in one text or one number.
+PLAIN = ("robot", "backend", "host", "user", "fault", "posture", "controller", "controller_since_s")
 STATUS = {
-    "robot": HOSTILE,
-    "backend": HOSTILE,
-    "host": HOSTILE,
-    "user": HOSTILE,
+    **dict.fromkeys((*PLAIN, "endpoint", "joints"), HOSTILE),
     "stopped": f"fault: {HOSTILE}",
-    "fault": HOSTILE,
-    "posture": HOSTILE,
-    "controller": HOSTILE,
-    "controller_since_s": HOSTILE,
     "stop": {"id": HOSTILE, "since_s": HOSTILE, "by": HOSTILE, "claims": [HOSTILE], "kept": HOSTILE},
     "cleared": {"reason": HOSTILE, "by": HOSTILE, "since_s": HOSTILE},
     "simulated": {"world": HOSTILE, "failure": HOSTILE},
@@ -252,10 +256,8 @@ STATUS = {
     "servo_link": {HOSTILE: 3},
     "malformed": {HOSTILE: 3},
     "ros": {"router": HOSTILE, "connected": True, "trouble": HOSTILE},
-    "endpoint": HOSTILE,
     "warnings": [HOSTILE],
     "at_rest": True,
-    "joints": HOSTILE,
     "failures": [HOSTILE],
 }
 
@@ -309,9 +311,9 @@ ROBOT_COMMANDS = {
 
 @pytest.mark.realtime
 @pytest.mark.parametrize("command", ROBOT_COMMANDS)
-def test_a_rogue_robot_prints_nothing_but_text(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_rogue_robot_prints_nothing_but_text(command: str, printed: Text) -> None:
     with rogue(answers()) as endpoint:
-        code, output = printed([*command.split(), "--connect", endpoint], capsys)
+        code, output = printed(*command.split(), "--connect", endpoint)
     assert code == ROBOT_COMMANDS[command]
     if command == "status":
         assert AS_IT_IS in "".join(output.split("\n")).replace("  ", "")
@@ -327,14 +329,12 @@ def test_a_name_of_a_robot_is_short_and_has_no_other_signs() -> None:
 @pytest.mark.realtime
 @pytest.mark.parametrize("name", [HOSTILE, None], ids=["hostile", "none"])
 @pytest.mark.parametrize("command", ["estop --clear", "view", "run --backend zenoh --no-record"])
-def test_a_robot_without_a_name_that_could_be_one_is_a_fault(
-    command: str, name: Any, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_robot_without_a_name_that_could_be_one_is_a_fault(command: str, name: Any, printed: Text) -> None:
     said = answers()
     said["describe"]["robot"] = {**said["describe"]["robot"], "name": name}
     said["describe"]["status"] = {**STATUS, "robot": name}
     with rogue(said) as endpoint:
-        code, _ = printed([*command.split(), "--connect", endpoint], capsys)
+        code, _ = printed(*command.split(), "--connect", endpoint)
     assert code == 3
 
 
@@ -363,7 +363,7 @@ def _hostile(value: Any) -> Any:
     "command", [*READING, *(pytest.param(words, marks=pytest.mark.slow) for words in WALKING)]
 )
 def test_a_foreign_session_prints_nothing_but_text(
-    command: str, kind: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    command: str, kind: str, printed: Text, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("hexctl.adapt.sessions.session_viewing.open_viewer", lambda _: 0)
     name = walking.stored_session(Path("runs"), 0.2, tripod=0.3, auto=0.4)
@@ -373,32 +373,30 @@ def test_a_foreign_session_prints_nothing_but_text(
     assert hostile != lines
     path.write_text("\n".join(hostile) + "\n")
     words = [word.replace("NAME", name).replace("OTHER", name) for word in command.split()]
-    code, _ = printed(words, capsys)
+    code, _ = printed(*words)
     assert code in (0, 2, 3)
 
 
-def test_names_in_a_foreign_session_are_no_markup(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_names_in_a_foreign_session_are_no_markup(printed: Text, monkeypatch: pytest.MonkeyPatch) -> None:
     world = "[bold red]flat[/] :smile:"
     monkeypatch.setattr(walking, "SessionSpec", lambda **fields: SessionSpec(**fields, world=world))
     name = walking.stored_session(Path("runs"), 0.2)
     for command in (["sessions", "list"], ["sessions", "show", name]):
-        code, output = printed(command, capsys)
+        code, output = printed(*command)
         assert code == 0
         assert world in output
 
 
 @pytest.mark.parametrize("option", ["--robot", "--world"])
-def test_a_foreign_file_prints_nothing_but_text(option: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_foreign_file_prints_nothing_but_text(option: str, printed: Text) -> None:
     Path("foreign.yaml").write_text(json.dumps({"name": HOSTILE, HOSTILE: HOSTILE}))
-    code, _ = printed(["run", "--no-record", "--duration", "0.1", option, "foreign.yaml"], capsys)
+    code, _ = printed("run", "--no-record", "--duration", "0.1", option, "foreign.yaml")
     assert code == 2
 
 
 @pytest.mark.slow
-def test_settings_of_another_person_print_nothing_but_text(capsys: pytest.CaptureFixture[str]) -> None:
+def test_settings_of_another_person_print_nothing_but_text(printed: Text) -> None:
     quoted = json.dumps(HOSTILE)
     Path("hexctl.toml").write_text(f"robot = {quoted}\n{quoted} = 1\n")
     for command in ("run --no-record", "check", "doctor"):
-        printed(command.split(), capsys)
+        printed(*command.split())

@@ -58,21 +58,8 @@ SPOT = {
 #: A walk whose position is not known at its end.
 UNSEEN = {"distance_m": None, "yaw_change_deg": None, "hold_lost_s": 0.0, "limited_ticks": 0}
 LOST = {"received": 90, "lost": 2, "late": 0}
-LEG_5 = {
-    "noticed": [
-        {
-            "at_s": 3.4,
-            "leg": 5,
-            "kind": "limp",
-            "joint": None,
-            "torque_fraction": None,
-            "torque_error": None,
-            "evidence": "following",
-            "did": "stopped",
-            "healed": False,
-        }
-    ]
-}
+NOTICED = NoticedFailure(at_s=3.4, failure=Failure(leg=5, kind="limp"), evidence="following", did="stopped")
+LEG_5 = {"noticed": [NOTICED.to_dict()]}
 HOT = ["hot, 72 degrees C: leg 5 femur (id 15)"]
 EVENTS = ["2:limp@8", "5:missing@14", "2@18"]
 
