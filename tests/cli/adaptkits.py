@@ -1,19 +1,14 @@
 """Robots for `hexctl adapt`, named on its command line: they live in a time of their own."""
 
 import math
-import os
-import signal
 from dataclasses import replace
 
 import numpy as np
 
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, RobotState
-from tests.cli.kits import Kit
+from tests.cli.kits import Falls, Interrupting, Kit, PortBreaks, Sick
 from tests.cli.kits import NoPort as NoPort
-
-#: In the walk of the second trial, where each settles for 1 s, walks for 1 s and stops for 2 s.
-IN_TRIAL_2_S = 5.5
 
 #: How far the joints of some robots stay behind.
 SAG_RAD = math.radians(1.0)
@@ -32,7 +27,10 @@ class Straight(Kit):
 
 
 class Sagging(Kit):
-    """Its joints stay behind by a degree, except one that is not measured."""
+    """Its joints stay behind by a degree, except one that is not measured; its trouble is to stand up."""
+
+    def in_trouble(self) -> bool:
+        return bool(self.sent)
 
     def read(self) -> RobotState:
         state = super().read()
@@ -41,52 +39,40 @@ class Sagging(Kit):
         return replace(state, joint_positions_rad=state.joint_positions_rad - behind)
 
 
-class FallsStanding(Sagging):
+class FallsStanding(Sagging, Falls):
     """Falls as soon as it stands up."""
 
-    def read(self) -> RobotState:
-        if self.sent:
-            self.lean(85.0)
-        return super().read()
 
-
-class InterruptedConnecting(Sagging):
+class InterruptedConnecting(Sagging, Interrupting):
     """Ctrl-C is pressed while it connects."""
 
-    def connect(self) -> None:
-        os.kill(os.getpid(), signal.SIGINT)
-        super().connect()
+
+class Once(Kit):
+    """Is in trouble in the walk of its second trial, but not after the next connection.
+
+    Each trial settles for 1 s, walks for 1 s and stops for 2 s.
+    """
+
+    trouble_s = 5.5
+
+    def in_trouble(self) -> bool:
+        return Kit.made[0] is self and super().in_trouble()
 
 
-class FallsOnce(Kit):
-    """Falls in its second trial; it stands again at the next connection."""
-
-    def read(self) -> RobotState:
-        if Kit.made[0] is self and self.clock.now_s > IN_TRIAL_2_S:
-            self.lean(85.0)
-        return super().read()
+class FallsOnce(Once, Falls):
+    """Falls."""
 
 
-class EStopped(Kit):
-    """Is stopped in its second trial by its own guard, as `hexctl estop` does."""
-
-    def read(self) -> RobotState:
-        stopped = "estop" if Kit.made[0] is self and self.clock.now_s > IN_TRIAL_2_S else None
-        return replace(super().read(), stopped=stopped)
-
-
-class Faulty(Kit):
-    """Reports a fault of its own in its second trial."""
+class EStopped(Once):
+    """Is stopped by its own guard, as `hexctl estop` does."""
 
     def read(self) -> RobotState:
-        self.healthy = Kit.made[0] is not self or self.clock.now_s < IN_TRIAL_2_S
-        return super().read()
+        return replace(super().read(), stopped="estop" if self.in_trouble() else None)
 
 
-class Unplugged(Kit):
-    """Its link breaks in its second trial."""
+class Faulty(Once, Sick):
+    """Reports a fault of its own."""
 
-    def read(self) -> RobotState:
-        if Kit.made[0] is self and self.clock.now_s > IN_TRIAL_2_S:
-            self.fail_with(OSError(5, "Input/output error"))
-        return super().read()
+
+class Unplugged(Once, PortBreaks):
+    """Its link breaks."""

@@ -14,9 +14,11 @@ class Kit(PosedMock):
     Attributes:
         made: all kits made so far, newest last.
         closed: how often it was closed.
+        trouble_s: when the trouble of a kit begins.
     """
 
     made: "list[Kit]" = []  # noqa: RUF012  shared on purpose: the command line makes the kits
+    trouble_s = 2.0
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot)
@@ -27,46 +29,50 @@ class Kit(PosedMock):
         self.closed += 1
         super().close()
 
+    def in_trouble(self) -> bool:
+        """Whether its trouble has begun."""
+        return self.clock.now_s >= self.trouble_s
+
 
 class Sick(Kit):
-    """Reports a fault of its own after two seconds."""
+    """Reports a fault of its own."""
 
     def read(self) -> RobotState:
-        self.healthy = self.clock.now_s < 2.0
+        self.healthy = not self.in_trouble()
+        return super().read()
+
+
+class Falls(Kit):
+    """Falls."""
+
+    def read(self) -> RobotState:
+        if self.in_trouble():
+            self.lean(85.0)
         return super().read()
 
 
 class Lost(Kit):
-    """Knows no pose any more after two seconds."""
+    """Knows no pose any more."""
 
     def read(self) -> RobotState:
-        if self.clock.now_s >= 2.0:
+        if self.in_trouble():
             self.position_world = self.quaternion_world = None
         return super().read()
 
 
-class _Breaking(Kit):
-    """Its link breaks some time after the start."""
-
-    error: Exception
-    after_s = 2.0
-
-    def write(self, targets: JointTargets) -> JointTargets:
-        if self.clock.now_s >= self.after_s:
-            self.fail_with(self.error)
-        return super().write(targets)
-
-
-class PortBreaks(_Breaking):
+class PortBreaks(Kit):
     """A serial port is pulled out."""
 
-    error = OSError(5, "Input/output error")
+    def write(self, targets: JointTargets) -> JointTargets:
+        if self.in_trouble():
+            self.fail_with(OSError(5, "Input/output error"))
+        return super().write(targets)
 
 
 class BreaksAtOnce(PortBreaks):
     """It is pulled out before the first command."""
 
-    after_s = 0.0
+    trouble_s = 0.0
 
 
 class Interrupting(Kit):

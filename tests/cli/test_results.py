@@ -122,16 +122,6 @@ def page_of(viewer: Program) -> str:
 
 
 @pytest.mark.realtime
-def test_a_recording_is_served_to_a_browser_until_an_interrupt(call: Call, tmp_path: Path) -> None:
-    path = tmp_path / "walk.rrd"
-    call("run --backend mock --duration 0.5 --record", str(path))
-    with program(tmp_path, "view", "hexctl", "view", "--web", str(path)) as viewer:
-        assert "<html" in page_of(viewer).lower()
-        viewer.signal(signal.SIGINT)
-        assert viewer.wait() == 0
-
-
-@pytest.mark.realtime
 def test_a_robot_is_watched_while_another_commands_it(tmp_path: Path) -> None:
     with (
         served(tmp_path) as robot,

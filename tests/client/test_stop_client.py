@@ -19,7 +19,7 @@ from hexctl.client.stop_client import ReadyStop, clear_stop, estop
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.zenoh_session import open_session
-from tests.cli.terminals import OnTerminal
+from tests.cli.terminals import on_terminal
 from tests.client.test_stop_connections import free, seen
 from tests.server.processes import (
     Cable,
@@ -194,8 +194,7 @@ KEYS = {"a key": " ", "Ctrl-S": "\x13"}
 
 @pytest.mark.parametrize("how", [*KEYS, "the terminal goes"])
 def test_one_key_stops_and_so_does_a_terminal_that_goes(walking: Served, tmp_path: Path, how: str) -> None:
-    terminal = OnTerminal(["--ready", "--connect", walking.endpoint], tmp_path, command="estop")
-    try:
+    with on_terminal(tmp_path, "--ready", "--connect", walking.endpoint, command="estop") as terminal:
         terminal.wait("any key stops it")
         assert stopped(walking) != "estop"
         at_s = time.monotonic()
@@ -214,8 +213,6 @@ def test_one_key_stops_and_so_does_a_terminal_that_goes(walking: Served, tmp_pat
             assert stopped(walking) != "estop", "it is not stopped again"
             terminal.process.send_signal(signal.SIGINT)
             assert terminal.code() == 0
-    finally:
-        terminal.end()
 
 
 def test_a_neighbours_robot_may_be_stopped_by_default_and_cleared_only_by_its_name(

@@ -3,7 +3,7 @@
 import json
 import socket
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -182,11 +182,7 @@ class BrokenSession:
 def test_an_error_of_the_library_is_told_and_a_session_is_opened_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    @contextmanager
-    def opened(*_: object) -> Iterator[BrokenSession]:
-        yield BrokenSession()
-
-    monkeypatch.setattr("hexctl.client.remote.open_session", opened)
+    monkeypatch.setattr("hexctl.client.remote.open_session", lambda *_: nullcontext(BrokenSession()))
     monkeypatch.setattr(stop_connections, "SESSION_ASK_S", 0.2)
     seen: list[Sighting] = []
     way = SessionStop(Link(), StopOrder(), seen.append, again=True)
@@ -254,12 +250,7 @@ def asking(
     monkeypatch: pytest.MonkeyPatch, *robots: OnTheLink
 ) -> Iterator[tuple[SessionStop, StopOrder, list[Sighting]]]:
     """A session way to robots, what tells it to stop them, and what it has seen."""
-
-    @contextmanager
-    def opened(*_: object) -> Iterator[SharedSession]:
-        yield SharedSession(robots)
-
-    monkeypatch.setattr("hexctl.client.remote.open_session", opened)
+    monkeypatch.setattr("hexctl.client.remote.open_session", lambda *_: nullcontext(SharedSession(robots)))
     monkeypatch.setattr(stop_connections, "SESSION_ASK_S", 0.01)
     monkeypatch.setattr(stop_connections, "SESSION_WATCH_S", 0.01)
     seen: list[Sighting] = []
