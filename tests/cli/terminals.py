@@ -1,4 +1,4 @@
-"""`hexctl drive`, or another command, on a pseudo-terminal whose other end the test holds."""
+"""Commands on pseudo-terminals, and programs of `python -c`."""
 
 import os
 import pty
@@ -8,9 +8,10 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
+from typing import Self
 
 import pytest
 
@@ -62,24 +63,23 @@ sys.exit(exit_code(sys.argv[2:]))
 
 
 class OnTerminal:
-    """A process whose terminal the test holds the other end of.
+    """A command in a process, on a terminal whose other end the test holds, until the block ends.
 
     Args:
-        arguments: of the command.
         folder: it works in.
+        arguments: of the command.
+        command: of hexctl.
         program: for `python -c`.
         variables: added to the environment.
-        command: of hexctl.
     """
 
     def __init__(
         self,
-        arguments: Sequence[str],
         folder: Path,
-        *,
+        *arguments: str,
+        command: str = "drive",
         program: str = COMMAND,
         variables: Mapping[str, str] | None = None,
-        command: str = "drive",
     ) -> None:
         self.master, slave = pty.openpty()
         self.process = subprocess.Popen(
@@ -96,6 +96,14 @@ class OnTerminal:
         self._closing = False
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.kill()
+        self.process.wait()
+        self.close()
 
     def _read(self) -> None:
         while not self._closing:
@@ -127,41 +135,17 @@ class OnTerminal:
         """Press keys."""
         os.write(self.master, keys.encode())
 
-    def close(self) -> float:
-        """Close the terminal; when, on time.monotonic."""
+    def close(self) -> None:
+        """Close the terminal."""
         self._closing = True
         self._reader.join()
-        now_s = time.monotonic()
         if self.master >= 0:
             os.close(self.master)
             self.master = -1
-        return now_s
-
-    def end(self) -> None:
-        """End the process, however it is, and close the terminal."""
-        self.process.kill()
-        self.process.wait()
-        self.close()
 
     def code(self) -> int:
         """Exit code, once it has ended."""
         return self.process.wait(WAIT_S)
-
-
-@contextmanager
-def on_terminal(
-    folder: Path,
-    *arguments: str,
-    command: str = "drive",
-    program: str = COMMAND,
-    variables: Mapping[str, str] | None = None,
-) -> Iterator[OnTerminal]:
-    """Run a command on a terminal until the block ends."""
-    made = OnTerminal(arguments, folder, program=program, variables=variables, command=command)
-    try:
-        yield made
-    finally:
-        made.end()
 
 
 def wait_until_it_grows(path: Path) -> None:

@@ -19,14 +19,14 @@ from hexctl.recording.recorded_trial import LEG_CONDITIONS, read_trial
 from hexctl.waiting import wait_for
 from hexctl.wire.links import Link
 from tests.cli.conftest import Call
-from tests.cli.terminals import WAIT_S, on_terminal
+from tests.cli.terminals import WAIT_S, OnTerminal
 from tests.recording.conftest import ReadBack
 from tests.server.processes import hexctl, served
 
 
 @pytest.mark.realtime
 def test_keys_drive_until_q_and_the_drive_is_recorded(tmp_path: Path) -> None:
-    with on_terminal(tmp_path, "--record", "drive.rrd", "--gamepad", "none") as terminal:
+    with OnTerminal(tmp_path, "--record", "drive.rrd", "--gamepad", "none") as terminal:
         terminal.wait("w s or arrows")
         terminal.wait("tripod · driving")
         terminal.type("ww")
@@ -45,7 +45,7 @@ def test_keys_drive_until_q_and_the_drive_is_recorded(tmp_path: Path) -> None:
 
 @pytest.mark.realtime
 def test_ctrl_c_ends_at_a_stand(tmp_path: Path) -> None:
-    with on_terminal(tmp_path) as terminal:
+    with OnTerminal(tmp_path) as terminal:
         terminal.wait("tripod · driving")
         terminal.type("www")
         terminal.wait(r"forward \+0\.1")
@@ -57,7 +57,7 @@ def test_ctrl_c_ends_at_a_stand(tmp_path: Path) -> None:
 @pytest.mark.realtime
 def test_a_terminal_that_goes_ends_at_a_stand_with_a_whole_recording(tmp_path: Path) -> None:
     record = tmp_path / "drive.rrd"
-    with on_terminal(tmp_path, "--record", str(record), "--gait", "wave", "--failed-leg", "4") as terminal:
+    with OnTerminal(tmp_path, "--record", str(record), "--gait", "wave", "--failed-leg", "4") as terminal:
         terminal.wait("· driving")
         terminal.type("www")
         terminal.wait(r"forward \+0\.0[1-9]|forward \+0\.[1-9]")
@@ -73,7 +73,7 @@ def test_a_terminal_that_goes_ends_at_a_stand_with_a_whole_recording(tmp_path: P
 def test_a_stop_of_the_page_is_latched_at_a_served_robot_until_a_person_clears_it(tmp_path: Path) -> None:
     with served(tmp_path, backend="sim") as robot:
         link = ("--backend", "zenoh", "--connect", robot.endpoint)
-        with on_terminal(tmp_path, "--page", "127.0.0.1:0", "--no-keyboard", *link) as terminal:
+        with OnTerminal(tmp_path, "--page", "127.0.0.1:0", "--no-keyboard", *link) as terminal:
             port = re.search(r"127\.0\.0\.1:(\d+)/\s", terminal.wait(r"drive on http://127\.0\.0\.1:\d+/\s"))
             assert port is not None
             with paged(port[1]) as page:

@@ -17,7 +17,7 @@ from hexctl.cli.progress import StatusLine
 from hexctl.cli.render.tables import label_table, plain_table
 from hexctl.signals import ending_signals
 from tests.cli.conftest import Call
-from tests.cli.terminals import WITH_TERMINAL, on_terminal, run_program, wait_until_it_grows
+from tests.cli.terminals import WITH_TERMINAL, OnTerminal, run_program, wait_until_it_grows
 from tests.server.processes import ROOT, free_port
 
 #: Runs a command, and interrupts it where a module begins to be imported.
@@ -276,7 +276,7 @@ def test_a_status_is_rewritten_on_a_terminal_and_a_line_each_elsewhere(
         "    line.show('one'); line.show('two'); line.print_above('news'); line.show('three' * 100)\n"
         "print('over')\n"
     )
-    with on_terminal(tmp_path, program=program, variables={"PYTHONPATH": str(ROOT)}) as terminal:
+    with OnTerminal(tmp_path, program=program, variables={"PYTHONPATH": str(ROOT)}) as terminal:
         shown = terminal.wait("over")
         assert terminal.code() == 0
     rows = re.split(r"[\r\n]+", re.sub(r"\x1b\[[\d?]*\w", "", shown))
@@ -291,7 +291,7 @@ def test_a_walk_ends_with_a_soft_stop_and_a_whole_recording(tmp_path: Path) -> N
 
     path = tmp_path / "walk.rrd"
     arguments = ("--realtime", "--duration", "600", "--record", str(path))
-    with on_terminal(tmp_path, *arguments, command="run", program=WITH_TERMINAL) as terminal:
+    with OnTerminal(tmp_path, *arguments, command="run", program=WITH_TERMINAL) as terminal:
         wait_until_it_grows(path)
         terminal.close()
         assert terminal.code() == 130
@@ -307,14 +307,14 @@ def test_a_search_and_a_server_end_as_by_ctrl_c(
     tmp_path: Path, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     arguments = ("--failed-leg", "5", "--duration", "20", "--budget", "500", "--no-record")
-    with on_terminal(tmp_path, *arguments, command="adapt", program=WITH_TERMINAL) as terminal:
+    with OnTerminal(tmp_path, *arguments, command="adapt", program=WITH_TERMINAL) as terminal:
         terminal.wait(r"session \S+")
         terminal.close()
         assert terminal.code() == 130
     monkeypatch.chdir(tmp_path)
     assert len(call("sessions list --json").json) == 1
     served = ("--backend", "mock", "--listen", f"tcp/127.0.0.1:{free_port()}")
-    with on_terminal(tmp_path, *served, command="serve", program=WITH_TERMINAL) as terminal:
+    with OnTerminal(tmp_path, *served, command="serve", program=WITH_TERMINAL) as terminal:
         terminal.wait("serving|listens|at tcp")
         terminal.close()
         assert terminal.code() == 0

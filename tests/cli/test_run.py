@@ -16,7 +16,7 @@ from hexctl.recording.recorded_trial import read_trial
 from hexctl.recording.rrd import ROOM_BYTES
 from tests.cli.conftest import Call, Printed
 from tests.cli.kits import Kit
-from tests.cli.terminals import FULL_DISK, on_terminal, run_program, wait_until_it_grows
+from tests.cli.terminals import FULL_DISK, OnTerminal, run_program, wait_until_it_grows
 from tests.vision.test_place import saved
 
 #: A hang must not hang the suite.
@@ -190,7 +190,7 @@ def test_ctrl_c_stops_softly_and_keeps_the_recording(tmp_path: Path) -> None:
 @pytest.mark.realtime
 def test_a_terminal_shows_progress_and_the_result_at_the_end(tmp_path: Path) -> None:
     arguments = ("--duration", "1")
-    with on_terminal(tmp_path, *arguments, command="run", variables={"TERM": "xterm"}) as shown:
+    with OnTerminal(tmp_path, *arguments, command="run", variables={"TERM": "xterm"}) as shown:
         shown.wait("loading")
         assert shown.code() == 0
         text = shown.wait("next: hexctl view")

@@ -19,7 +19,7 @@ from hexctl.client.stop_client import ReadyStop, clear_stop, estop
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.zenoh_session import open_session
-from tests.cli.terminals import on_terminal
+from tests.cli.terminals import OnTerminal
 from tests.client.test_stop_connections import free, seen
 from tests.server.processes import (
     Cable,
@@ -194,7 +194,7 @@ KEYS = {"a key": " ", "Ctrl-S": "\x13"}
 
 @pytest.mark.parametrize("how", [*KEYS, "the terminal goes"])
 def test_one_key_stops_and_so_does_a_terminal_that_goes(walking: Served, tmp_path: Path, how: str) -> None:
-    with on_terminal(tmp_path, "--ready", "--connect", walking.endpoint, command="estop") as terminal:
+    with OnTerminal(tmp_path, "--ready", "--connect", walking.endpoint, command="estop") as terminal:
         terminal.wait("any key stops it")
         assert stopped(walking) != "estop"
         at_s = time.monotonic()
