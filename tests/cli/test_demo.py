@@ -99,20 +99,11 @@ def test_with_recovery_the_robot_keeps_its_speed_and_its_line(
     assert (spec.broken, spec.world, spec.budget) == (Failure(leg=5), f"{result.world}@0.5ms", 1)
     said = json.loads(json.dumps(result.to_dict()))
     assert said["recovered"]["speed_kept"] > said["walked_on"]["speed_kept"]
-    _check_recordings(result)
-    _check_picture(result)
-
-
-def _check_recordings(result: rescue.DemoResult) -> None:
     assert [path.name for path in result.recordings] == ["walked-on.rrd", "recovered.rrd"]
     for path in result.recordings:
         conditions = read_trial(path).leg_conditions[:, rescue.EVENT.leg - 1]
         assert LEG_CONDITIONS[conditions[0]] == "whole"
         assert LEG_CONDITIONS[conditions[-1]] == "failed"
-
-
-def _check_picture(result: rescue.DemoResult) -> None:
-    """The picture is there, or the reason is said."""
     assert (result.picture is None) is (result.no_picture is not None)
     if result.picture is not None:
         assert result.picture.parent == result.folder

@@ -132,7 +132,11 @@ CALM: dict[str, Any] = {
 }
 
 
+FELL = {"stopped": "fell"}
 STOP = {"id": "00ff", "since_s": 1.5, "kept": True}
+CLEARED = {**STOP, "reason": "fell", "by": "mia"}
+COMMANDS = {"accepted": 7}
+NO_ROUTER = {"connected": False, "drive": False}
 
 ROS = {
     "router": "tcp/localhost:7447",
@@ -187,42 +191,22 @@ def test_what_is_told_in_another_way_costs_no_other_line() -> None:
         ({}, "stopped", "no"),
         ({}, "served by", "mia on lab-pc, process 12"),
         ({}, "robot", "ant (sim), world rough, failure leg 5 locked"),
-        ({"stopped": "fell"}, "stopped", "FELL: its body leant too far; hexctl estop --clear clears it"),
+        (FELL, "stopped", "FELL: its body leant too far; hexctl estop --clear clears it"),
         ({"stopped": "fault: low", "fault": "low"}, "stopped", "FAULT: low; remove the cause, then"),
         ({"stopped": "fault: gone", "servos": SERVOS}, "stopped", "FAULT: gone; they answer again: hexctl"),
         ({"stopped": "fault: low"}, "stopped", "FAULT: low; the fault is over: hexctl estop --clear"),
         ({"stopped": "expired"}, "stopped", "EXPIRED: no command came in time; the next controller clears"),
-        (
-            {"stopped": "fell", "stop": {**STOP, "kept": False}},
-            "stopped",
-            "FELL: its body leant too far (00ff",
-        ),
-        (
-            {"stopped": "fell", "stop": {**STOP, "by": "m"}},
-            "stopped",
-            "FELL: its body leant too far (00ff, 1.5",
-        ),
-        (
-            {"cleared": {**STOP, "reason": "fell", "by": "mia"}},
-            "stopped",
-            "no (fell was cleared by mia, 1.5 s",
-        ),
+        ({**FELL, "stop": {**STOP, "kept": False}}, "stopped", "FELL: its body leant too far (00ff"),
+        ({**FELL, "stop": {**STOP, "by": "m"}}, "stopped", "FELL: its body leant too far (00ff, 1.5"),
+        ({"cleared": CLEARED}, "stopped", "no (fell was cleared by mia, 1.5 s"),
         ({"servos": SERVOS}, "servos", "up to 61 C (leg2_femur), 11.5 to 12.0 V"),
-        (
-            {"commands": {"accepted": 7, "late": 2, "stale_owner": 1}},
-            "commands",
-            "7 executed; 2 late, 1 stale",
-        ),
+        ({"commands": {**COMMANDS, "late": 2, "stale_owner": 1}}, "commands", "7 executed; 2 late, 1 stale"),
         ({"malformed": {"requests": 1}, "leases_refused": 2}, "dropped", "1 request, 2 leases refused"),
         ({"ticks": 1, "overruns": 1}, "loop", "1 tick of 20 ms, 1 skipped"),
         ({"insecure": True}, "link", "tcp/127.0.0.1:7447, INSECURE"),
         ({"servo_link": {"received": 90, "lost": 2}}, "servo link", "90 messages came; 2 lost"),
         ({"ros": ROS}, "ROS", "router tcp/localhost:7447; 7 commands, 2 malformed"),
-        (
-            {"ros": {**ROS, "connected": False, "drive": False}},
-            "ROS",
-            "no ROS router; ROS may stop the robot",
-        ),
+        ({"ros": {**ROS, **NO_ROUTER}}, "ROS", "no ROS router; ROS may stop the robot"),
     ],
     ids=str,
 )
