@@ -1,14 +1,17 @@
-"""Controllers: standing up, and a walk whose look-ahead changes nothing."""
+"""Controllers and their loop: standing up, a walk whose look-ahead changes nothing, and what a tick does."""
 
 import numpy as np
 import pytest
 
-from hexctl import RobotState
+from hexctl import Controller, EStopError, Guard, RobotState
 from hexctl.control.controllers import LOOK_AHEAD_TICKS, Stand, Walk, soft_stop_steps
+from hexctl.control.log import TickLog
+from hexctl.control.loop import run_controller
 from hexctl.gait.foot_trajectory import gait_feet_body
 from hexctl.gait.gait import Motion
 from hexctl.ik.legs import solve_legs
 from hexctl.types import FloatArray
+from tests.control.posed import PosedMock
 from tests.robots import ROBOT_NAMES, shipped
 from tests.trials import gait_of
 
@@ -66,3 +69,69 @@ def test_a_stop_goes_on_from_the_stride_and_ends_in_the_stance(stop_tick: int) -
     )
     fastest = np.abs(np.diff(_angles(plain, range(100, 300)), axis=0)).max()
     assert np.abs(np.diff(angles, axis=0)).max() <= fastest + 0.01, "no jump"
+
+
+# The loop: read, think, guard, write, record, on the clock's time
+
+
+class _Nudge(Controller):
+    """Asks for the stance and a little more each step."""
+
+    def __init__(self, stance_rad: FloatArray) -> None:
+        self._stance_rad = stance_rad
+        self.asked: list[tuple[int, float]] = []
+
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        self.asked.append((step, float(state.joint_positions_rad[0])))
+        return self._stance_rad + 0.01 * step
+
+
+def _connected() -> tuple[Guard, PosedMock, _Nudge, TickLog]:
+    servos = PosedMock()
+    servos.connect()
+    return Guard(servos), servos, _Nudge(ANT.stance_angles_rad), TickLog()
+
+
+def test_each_tick_reads_what_the_last_one_wrote_and_is_recorded() -> None:
+    guard, servos, controller, log = _connected()
+    last, state = run_controller(guard, controller, (log,), until=lambda step, _: step >= 9)
+    assert last == 9
+    assert [step for step, _ in controller.asked] == list(range(10))
+    stance = float(ANT.stance_angles_rad[0])
+    np.testing.assert_allclose(
+        [joint for _, joint in controller.asked], [stance, *(stance + 0.01 * step for step in range(9))]
+    )
+    assert [sent.stamp_s for sent in servos.sent] == log["time_s"].tolist()
+    np.testing.assert_array_equal(log["commanded_rad"], log["wanted_rad"])
+    np.testing.assert_array_equal(log["measured_rad"][-1], state.joint_positions_rad)
+    assert state.stamp_s == pytest.approx(log["time_s"][-1])
+    assert (log["work_s"] >= 0).all()
+
+
+def test_steps_follow_the_clock_over_points_that_it_skips() -> None:
+    guard, servos, controller, log = _connected()
+
+    def slow(step: int, _: RobotState) -> bool:
+        servos.time.work(0.02 * 3.5)
+        return step >= 12
+
+    last, _ = run_controller(guard, controller, (log,), until=slow)
+    steps = [step for step, _ in controller.asked]
+    assert steps == sorted(set(steps))
+    assert len(steps) < 7
+    ticks = (log["time_s"] - log["time_s"][0]) / 0.02
+    assert ticks == pytest.approx(steps)
+    assert last == steps[-1]
+
+
+def test_a_stop_ends_the_drive_before_the_servos_hear_of_it() -> None:
+    guard, servos, controller, log = _connected()
+
+    def press(step: int, _: RobotState) -> bool:
+        if step == 3:
+            guard.stop("by hand")
+        return False
+
+    with pytest.raises(EStopError):
+        run_controller(guard, controller, (log,), until=press)
+    assert len(servos.sent) == len(log) == 4

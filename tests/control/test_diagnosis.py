@@ -1,7 +1,6 @@
 """The standing test: within the joints' limits, stopped where it is not safe, and what it finds."""
 
 import warnings
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +19,7 @@ from hexctl.control.diagnosis.standing_test import (
 from hexctl.control.loop import run_controller
 from hexctl.ik.legs import range_excess_rad
 from hexctl.robot.failure_grammar import parse_kind
+from tests.control.posed import Fault, Faulty
 
 PERIOD_S = 0.02
 
@@ -93,27 +93,19 @@ def test_lost_contacts_of_the_other_feet_stop_a_lift_unless_the_body_is_level(le
         assert (stopped is not None) == (tilt_deg > 0 or not lean_known)
 
 
-Blind = Callable[[RobotState], RobotState]
-
-
-class _Test(StandingTest):
-    """A standing test that is told less than the robot knows."""
-
-    blind: Blind = staticmethod(lambda state: state)
-
-    def targets_rad(self, step: int, state: RobotState) -> np.ndarray:
-        return super().targets_rad(step, self.blind(state))
-
-
 def _observed(
-    name: str, leg: int | None, kind: str, world: str = "flat", blind: Blind | None = None
+    name: str,
+    leg: int | None,
+    kind: str,
+    world: str = "flat",
+    seen: Fault = lambda state, _time_s: state,
 ) -> Observed:
+    """What a standing test observes of a robot whose sensors show no more than `seen`."""
     robot = load_robot(name)
     failure = None if leg is None else parse_kind(leg, kind)
-    with Guard(SimServos(robot, world=world, failure=failure, seed=3)) as guard:
-        test = _Test(robot, guard.clock.period_s, unsafe=lambda observed: unsafe_legs(observed, robot))
-        if blind is not None:
-            test.blind = blind
+    servos = Faulty(SimServos(robot, world=world, failure=failure, seed=3), seen)
+    with Guard(servos) as guard:
+        test = StandingTest(robot, guard.clock.period_s, unsafe=lambda observed: unsafe_legs(observed, robot))
         run_controller(guard, Stand(robot, guard.accepted_rad(), 20, 20))
         run_controller(guard, test)
     return test.observed
@@ -160,27 +152,29 @@ def test_a_whole_robot_is_not_accused_nor_a_leg_called_good_whose_motions_were_s
 
 
 def test_servos_that_echo_leave_the_leg_to_the_contacts() -> None:
-    def echo(state: RobotState) -> RobotState:
+    def echo(state: RobotState, _time_s: float) -> RobotState:
         stance_rad = load_robot("ant").stance_angles_rad
         return replace(state, measured=False, joint_positions_rad=stance_rad, joint_torques_nm=None)
 
-    found = _found("ant", 4, "locked", blind=echo)
+    found = _found("ant", 4, "locked", seen=echo)
     assert (found.source, found.verdict) == ("contacts", "leg 4 unknown")
     assert found.legs[3].gains == (None, None, None)
 
 
 def test_without_torques_the_joints_still_tell_and_it_is_said_what_is_not_looked_for() -> None:
-    found = _found("ant", 2, "stuck:coxa:8", blind=lambda state: replace(state, joint_torques_nm=None))
+    found = _found(
+        "ant", 2, "stuck:coxa:8", seen=lambda state, _time_s: replace(state, joint_torques_nm=None)
+    )
     assert found.verdict.startswith("leg 2 stuck:coxa")
     assert any("torques are not measured" in note for note in found.notes)
 
 
 def test_a_contact_sensor_that_is_silent_under_a_good_leg_is_not_the_leg() -> None:
-    def silent(state: RobotState) -> RobotState:
+    def silent(state: RobotState, _time_s: float) -> RobotState:
         assert state.foot_contacts is not None
         return replace(state, foot_contacts=state.foot_contacts & (np.arange(6) != 2))
 
-    found = _found("ant", None, "", blind=silent)
+    found = _found("ant", None, "", seen=silent)
     assert found.failures == ()
     assert "contact sensor" in found.legs[2].evidence
 

@@ -22,8 +22,6 @@ from tests.backends.fake_time import FakeTime
 from tests.control.posed import readings
 from tests.robots import shipped
 
-Telemetry = Callable[[float], RobotState]
-
 
 class Reporting(MockServos):
     """Servos whose telemetry a test writes: voltage and one temperature by time."""

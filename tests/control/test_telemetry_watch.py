@@ -29,14 +29,9 @@ from tests.control.posed import connected, read_for
 DT_S = 0.02
 
 
-def believed(readings: list[float], dt_s: float = DT_S) -> list[float]:
+def believed(readings: list[float]) -> list[float]:
     watch = Temperatures()
-    return [float(watch.take(np.array([each]), dt_s * n)[0]) for n, each in enumerate(readings)]
-
-
-def test_the_first_reading_counts_at_once() -> None:
-    assert believed([72.0]) == [72.0]
-    assert np.isnan(believed([np.nan])[0])
+    return [float(watch.take(np.array([each]), DT_S * n)[0]) for n, each in enumerate(readings)]
 
 
 @pytest.mark.parametrize(
@@ -76,26 +71,17 @@ def test_gaps_and_repeated_values_change_nothing() -> None:
     assert (np.diff(found[np.isfinite(found)]) >= 0).all()
 
 
-def test_joints_are_apart() -> None:
-    watch = Temperatures()
-    watch.take(np.array([30.0, 50.0]), 0.0)
-    assert watch.take(np.array([140.0, 51.0]), 0.02).tolist() == [30.0, 51.0]
-
-
 @pytest.mark.parametrize(
     ("degrees", "share"),
-    [
-        *(([np.nan, np.nan], 1.0), ([31.0, np.nan], 1.0), ([60.0, 40.0], 1.0), ([64.0, 40.0], 0.7)),
-        *(([68.0], LEAST_PACE), ([90.0], LEAST_PACE)),
-    ],
+    [([np.nan, np.nan], 1.0), ([60.0, np.nan], 1.0), ([64.0, 40.0], 0.7), ([90.0], LEAST_PACE)],
 )
 def test_the_pace_falls_with_the_hottest_servo(degrees: list[float], share: float) -> None:
     assert pace(np.array(degrees)) == pytest.approx(share)
 
 
-def lows(volts: Sequence[float | None], least_v: float = 9.0) -> list[bool]:
+def lows(volts: Sequence[float]) -> list[bool]:
     watch = BatteryWatch()
-    return [watch.low(each, least_v, DT_S * n) for n, each in enumerate(volts)]
+    return [watch.low(each, 9.0, DT_S * n) for n, each in enumerate(volts)]
 
 
 def test_a_battery_that_is_low_for_two_seconds_is_low() -> None:
@@ -109,13 +95,6 @@ def test_a_battery_that_is_low_for_two_seconds_is_low() -> None:
 @pytest.mark.parametrize("every", [3, 10])
 def test_dips_of_steps_and_spikes_are_not_low(dip: float, every: int) -> None:
     assert not any(lows([dip if n % every == 0 else 9.4 for n in range(500)]))
-
-
-def test_missing_readings_and_thresholds_are_not_low() -> None:
-    assert not any(lows([None] * 200))
-    assert not any(lows([float("nan")] * 200))
-    watch = BatteryWatch()
-    assert not any(watch.low(1.0, None, DT_S * n) for n in range(200))
 
 
 def test_after_a_gap_earlier_readings_do_not_count() -> None:
@@ -132,9 +111,6 @@ def test_a_clock_that_begins_anew_forgets_what_was_before() -> None:
     assert not any(watch.low(11.0, 9.0, DT_S * n) for n in range(200))
 
 
-TICK_S = 0.02
-
-
 def at(x_m: float) -> FloatArray:
     return np.array([x_m, 0.0, 0.1])
 
@@ -143,11 +119,11 @@ def at(x_m: float) -> FloatArray:
 def test_a_jump_is_not_believed(x_m: float) -> None:
     check = PositionCheck()
     assert check.believes(at(0.0), 0.0)
-    assert not check.believes(at(x_m), TICK_S)
-    assert check.believes(at(0.001), 2 * TICK_S)
+    assert not check.believes(at(x_m), DT_S)
+    assert check.believes(at(0.001), 2 * DT_S)
     assert check.doubted == 1
     check.forget()  # the next is taken as it is, but no robot is beyond the earth
-    assert check.believes(at(100.0), TICK_S)
+    assert check.believes(at(100.0), DT_S)
     for nowhere_m in (3e38, math.inf, math.nan, 2.1 * MOST_M):
         assert not PositionCheck().believes(at(nowhere_m), 0.0)
     assert PositionCheck().believes(at(0.5 * MOST_M), 0.0)
@@ -157,17 +133,17 @@ def test_a_jump_is_not_believed(x_m: float) -> None:
 def test_a_robot_that_moves_as_it_can_is_believed(speeds: list[float]) -> None:
     check, x_m = PositionCheck(), 0.0
     for tick, speed in enumerate(speeds):
-        x_m += speed * MOST_SPEED_M_S * TICK_S
-        assert check.believes(at(x_m), tick * TICK_S)
+        x_m += speed * MOST_SPEED_M_S * DT_S
+        assert check.believes(at(x_m), tick * DT_S)
     assert check.doubted == 0
 
 
 def test_a_place_that_stays_is_believed_once_it_can_be_reached() -> None:
     check = PositionCheck()
     check.believes(at(0.0), 0.0)
-    believed = [check.believes(at(3.0), tick * TICK_S) for tick in range(1, 51)]
-    first_s = (believed.index(True) + 1) * TICK_S
-    assert first_s == pytest.approx((3.0 - MOST_CORRECTION_M) / MOST_SPEED_M_S, abs=TICK_S)
+    believed = [check.believes(at(3.0), tick * DT_S) for tick in range(1, 51)]
+    first_s = (believed.index(True) + 1) * DT_S
+    assert first_s == pytest.approx((3.0 - MOST_CORRECTION_M) / MOST_SPEED_M_S, abs=DT_S)
     assert all(believed[believed.index(True) :])
     assert check.doubted == 1  # the same position, again and again
 
@@ -177,9 +153,9 @@ def test_it_tells_of_the_first_jump_of_several_and_for_a_while() -> None:
     check.believes(at(0.0), 0.0)
     assert check.doubt(0.0) is None
     for tick in range(3):
-        check.believes(at(3e38 / (tick + 1)), tick * TICK_S)
-    assert "3e+38 m" in (check.doubt(3 * TICK_S) or "")
-    assert check.doubt(3 * TICK_S + TOLD_S) is None
+        check.believes(at(3e38 / (tick + 1)), tick * DT_S)
+    assert "3e+38 m" in (check.doubt(3 * DT_S) or "")
+    assert check.doubt(3 * DT_S + TOLD_S) is None
     assert check.doubted == 3
 
 
@@ -234,11 +210,9 @@ def test_servos_that_warm_up_one_by_one_are_one_warning_and_each_is_new_once() -
     [
         ("hot, 72 degrees C: leg 5 femur (id 15)", "leg 5 femur (id 15)"),
         ("hot: leg 5 femur 72 C", "leg 5 femur"),
-        ("leg 5 limp, noticed 4.0 s into it; hot: leg 5 femur (id 15)", "leg 5 femur (id 15)"),
         ("leg 5 limp; voltage, hot: leg 5 femur (id 15); mute: leg 5 tibia (id 16)", "leg 5 femur (id 15)"),
         ("hardware alert (hot), limp: all servos", "all servos"),
         ("warm, 62 degrees C: leg 5 femur (id 15)", ""),
-        ("leg 5 limp", ""),
     ],
 )
 def test_hot_servos_are_found_in_any_text_that_names_them(text: str, servos: str) -> None:

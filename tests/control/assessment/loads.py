@@ -16,8 +16,6 @@ from hexctl.types import FloatArray
 from tests.robots import shipped, without_friction
 from tests.trials import gait_of
 
-AHEAD = (Motion(),)
-
 
 def changed(
     name: str,
@@ -46,25 +44,16 @@ def changed(
     )
 
 
-def load_of(robot: Robot, gait: str = "demo") -> GaitLoad:
-    return gait_load(robot, make_gait(robot, gait), AHEAD)
+def load_of(robot: Robot) -> GaitLoad:
+    return gait_load(robot, make_gait(robot, "demo"), (Motion(),))
 
 
-def moved_together(share: float) -> Robot:
-    """Pexod with its legs nearer to one another along the body."""
+def moved(*, share: float = 1.0, back_m: float = 0.0) -> Robot:
+    """Pexod with its legs nearer to one another along the body, or all of them further back."""
     robot = shipped("pexod")
     mounts, feet = robot.mount_positions_body.copy(), robot.stance_feet_body.copy()
-    mounts[:, 0] *= share
+    mounts[:, 0] = share * mounts[:, 0] - back_m
     feet[:, 0] += mounts[:, 0] - robot.mount_positions_body[:, 0]
-    return replace(robot, mount_positions_body=mounts, stance_feet_body=feet)
-
-
-def moved_back(back_m: float) -> Robot:
-    """Pexod with all its legs further back, so that its weight is before its feet."""
-    robot = shipped("pexod")
-    mounts, feet = robot.mount_positions_body.copy(), robot.stance_feet_body.copy()
-    mounts[:, 0] -= back_m
-    feet[:, 0] -= back_m
     return replace(robot, mount_positions_body=mounts, stance_feet_body=feet)
 
 

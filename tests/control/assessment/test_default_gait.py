@@ -1,4 +1,4 @@
-"""The stance and the default gait of imported robots: `hexctl check` agrees with them."""
+"""The stance and the default gait of robots: `hexctl check` agrees with them, and proposes a stance."""
 
 import math
 from dataclasses import replace
@@ -10,12 +10,16 @@ import yaml
 
 from hexctl.control.assessment.default_gait import WANTED_LIFT, walkable
 from hexctl.control.assessment.feasibility import RobotCheck, check_robot
+from hexctl.control.assessment.stance_width import stance_width
+from hexctl.gait.gait import make_gait
 from hexctl.ik.legs import foot_positions_body
-from hexctl.robot.configs import find_config
+from hexctl.robot.configs import find_config, read_mapping
 from hexctl.robot.formats.importing.robot_import import ImportedRobot
 from hexctl.robot.formats.mjcf import mjcf_of
+from hexctl.robot.loader import load_robot_file, robot_of_content
+from hexctl.robot.model import in_stance_of
 from tests.robot.hexapods import MOUNTS, TIBIA_M, TRUNK, hexapod, imported, solid
-from tests.robots import shipped
+from tests.robots import ROBOT_NAMES, shipped
 
 
 def limit(low: float, high: float, velocity: float = 5.0, effort: float = 2.0) -> str:
@@ -27,27 +31,16 @@ def checked(made: ImportedRobot, folder: Path) -> RobotCheck:
     return check_robot(folder / "made.yaml")
 
 
-WIDE = limit(-1.5, 1.5)
-NARROW = {
-    "coxae": (limit(-0.12, 0.1), WIDE, WIDE),
-    "femurs": (WIDE, limit(0.1, 0.5), WIDE),
-    "tibiae": (WIDE, WIDE, limit(-0.3, 0.2)),
-    "all": (limit(-0.3, 0.3), limit(-0.3, 0.8), limit(-0.5, 0.3)),
-    "slow joints": (limit(-1, 1, 0.3), limit(-1, 1, 0.3), limit(-1, 1, 0.3)),
-}
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "case",
-    [
-        "all",
-        "slow joints",
-        *(pytest.param(one, marks=pytest.mark.long) for one in ("coxae", "femurs", "tibiae")),
-    ],
+    "limits",
+    [(limit(-0.3, 0.3), limit(-0.3, 0.8), limit(-0.5, 0.3)), (limit(-1, 1, 0.3),) * 3],
+    ids=["narrow joints", "slow joints"],
 )
-def test_the_default_gait_is_one_that_the_check_agrees_with(case: str, tmp_path: Path) -> None:
-    made = walkable(imported(tmp_path, hexapod(limits=NARROW[case])))
+def test_the_default_gait_is_one_that_the_check_agrees_with(
+    limits: tuple[str, str, str], tmp_path: Path
+) -> None:
+    made = walkable(imported(tmp_path, hexapod(limits=limits)))
     report = checked(made, tmp_path)
     assert report.possible
     assert report.demand.speed_holds
@@ -56,14 +49,16 @@ def test_the_default_gait_is_one_that_the_check_agrees_with(case: str, tmp_path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("effort", "trunk_kg"), [(0.04, "1.2"), pytest.param(0.5, "15", marks=pytest.mark.long)]
+    ("effort", "possible", "said"), [(0.04, False, "too weak"), (0.35, True, "doubts the default gait: weak")]
 )
-def test_if_none_works_the_import_says_why(effort: float, trunk_kg: str, tmp_path: Path) -> None:
-    limits = (limit(-1, 1, effort=effort),) * 3
-    trunk = TRUNK.replace("1.2", trunk_kg)
-    made = walkable(imported(tmp_path, hexapod(limits=limits, trunk_inertial=trunk)))
-    assert any("no default gait" in note and "too weak" in note for note in made.notes)
-    assert not checked(made, tmp_path).possible
+def test_if_none_works_or_all_are_doubtful_the_import_says_why(
+    effort: float, possible: bool, said: str, tmp_path: Path
+) -> None:
+    made = walkable(imported(tmp_path, hexapod(limits=(limit(-1, 1, effort=effort),) * 3)))
+    assert said in str(made.notes)
+    assert ("no default gait" in str(made.notes)) != possible
+    verdict = checked(made, tmp_path).verdict
+    assert (verdict.possible, verdict.doubtful) == (possible, possible)
 
 
 #: Legs that point straight to the sides, some of them near to one another.
@@ -78,14 +73,6 @@ def test_feet_that_would_touch_get_shorter_strides(radius_m: float, tmp_path: Pa
     wide, walks = checked(made, tmp_path), checked(walkable(made), tmp_path)
     assert ("feet touch" in str(wide.warnings)) == (radius_m > 0.01)
     assert "touch" not in str(walks.warnings)
-
-
-@pytest.mark.slow
-def test_doubts_that_no_stride_avoids_are_noted(tmp_path: Path) -> None:
-    limits = (limit(-1, 1, effort=0.35),) * 3
-    made = walkable(imported(tmp_path, hexapod(limits=limits)))
-    assert checked(made, tmp_path).verdict.doubtful
-    assert "doubts the default gait: weak" in str(made.notes)
 
 
 @pytest.mark.slow
@@ -104,7 +91,7 @@ def test_soft_robots_step_higher(trunk_kg: str, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("foot_y_m", [0.02, -0.035])
 def test_projected_feet_are_exact_in_the_stance_that_is_taken(foot_y_m: float, tmp_path: Path) -> None:
-    limits = (WIDE, limit(-0.2, 0.2), limit(-0.1, 0.1))
+    limits = (limit(-1.5, 1.5), limit(-0.2, 0.2), limit(-0.1, 0.1))
     first = imported(tmp_path, hexapod(foot_y_m=foot_y_m, limits=limits))
     made = walkable(replace(first, stances=(*first.stances[::-1],)))
     assert made.stances[0] != first.stances[0]
@@ -134,3 +121,34 @@ def test_feet_that_touch_and_servos_that_clip_are_in_the_verdict(tmp_path: Path)
         checked = check_robot(path)
         assert checked.verdict.doubtful
         assert any(words in text for text in checked.warnings)
+
+
+# The stance width that a check proposes: the servos carry the robot on any five legs
+
+
+@pytest.mark.parametrize(("name", "gait"), [*((name, "tripod") for name in ROBOT_NAMES), ("lukas", "demo")])
+def test_shipped_robots_stand_as_is_proposed(name: str, gait: str) -> None:
+    found = stance_width(shipped(name), make_gait(shipped(name), gait))
+    assert found["proposed_outward_m"] == found["stance_outward_m"]
+    assert (found["five_leg_drive"] or math.inf) <= 1
+
+
+def test_no_stance_is_proposed_for_a_robot_that_tips_over_on_five_legs() -> None:
+    file = load_robot_file("ant")
+    content = read_mapping(file.path)
+    tips = robot_of_content(
+        {**content, "body": {**content["body"], "mass_kg": 5.0, "com_m": [0.3, 0.0, 0.0]}}, file.path
+    )
+    found = stance_width(tips, make_gait(tips, "tripod"))
+    assert found["five_leg_drive"] is found["proposed_five_leg_drive"] is None
+
+
+@pytest.mark.slow
+def test_a_stance_too_wide_for_five_legs_gets_the_widest_that_its_servos_carry() -> None:
+    robot = shipped("phantomx")
+    wide = in_stance_of(robot, 0.15)
+    found = stance_width(wide, make_gait(wide, "tripod"))
+    assert (found["five_leg_drive"] or 0.0) > 1 >= (found["proposed_five_leg_drive"] or math.inf)
+    assert found["proposed_outward_m"] == pytest.approx(robot.stance_outward_m)
+    wider = in_stance_of(wide, robot.stance_outward_m + 0.02 * 0.15)
+    assert (stance_width(wider, make_gait(wide, "tripod"))["five_leg_drive"] or 0.0) > 1

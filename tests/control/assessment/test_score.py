@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl import Failure, Robot, RobotState, SimTrial, TrialPlan, TrialResult, World
+from hexctl import Failure, RobotState, TrialPlan, TrialResult, World
 from hexctl.control.assessment.cause import Symptoms, WalkSamples
 from hexctl.control.assessment.score import score
 from hexctl.control.assessment.walk_quality import (
@@ -20,12 +20,11 @@ from hexctl.control.assessment.walk_quality import (
     lean_deg,
     unsteadiness_m_s,
 )
-from hexctl.control.batch import run_sim_trial
 from hexctl.control.trace import TrialFrame
 from hexctl.types import FloatArray
 from tests.control.assessment.loads import UPRIGHT, along, changed, scored
 from tests.robots import shipped
-from tests.trials import gait_of
+from tests.trials import gait_of, walk
 
 SPEED = 0.1485
 
@@ -163,19 +162,12 @@ def state(angle_rad: float, torque_nm: float | None) -> RobotState:
 
 
 @pytest.mark.parametrize("ticks", [BLOCK_TICKS + 1, 3 * BLOCK_TICKS + 7])
-def test_a_constant_torque_works_along_its_way(ticks: int) -> None:
+def test_a_torque_works_along_its_way_and_what_a_joint_brakes_does_not_count(ticks: int) -> None:
     effort = WalkEffort()
     for tick in range(ticks):
-        effort.add(state(0.01 * tick, 2.0), np.zeros(18))
-    assert effort.energy_j() == pytest.approx(18 * 2.0 * 0.01 * (ticks - 1))
-
-
-def test_what_a_joint_brakes_does_not_count() -> None:
-    effort = WalkEffort()
-    for tick in range(100):
-        effort.add(state(math.sin(0.2 * tick), 1.0), np.zeros(18))
-    rises = np.maximum(np.diff(np.sin(0.2 * np.arange(100))), 0).sum()
-    assert effort.energy_j() == pytest.approx(18 * rises)
+        effort.add(state(math.sin(0.2 * tick), 2.0), np.zeros(18))
+    rises = np.maximum(np.diff(np.sin(0.2 * np.arange(ticks))), 0).sum()
+    assert effort.energy_j() == pytest.approx(18 * 2.0 * rises)
 
 
 def test_without_all_torques_no_energy_is_known() -> None:
@@ -246,11 +238,6 @@ def test_even_motion_is_steady_and_swaying_is_not() -> None:
 # Why a walk made no progress
 
 
-def trial_of(robot: Robot, world: World, failure: Failure | None = None) -> SimTrial:
-    plan = TrialPlan(gait=gait_of(robot, "demo"), duration_s=5.0, belief=failure)
-    return SimTrial(robot=robot, plan=plan, failure=failure, world=world)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("cause", "name", "change", "world", "failure"),
@@ -266,7 +253,7 @@ def trial_of(robot: Robot, world: World, failure: Failure | None = None) -> SimT
 def test_the_cause_is_named(
     cause: str | None, name: str, change: dict[str, float], world: World, failure: Failure | None
 ) -> None:
-    result = run_sim_trial(trial_of(changed(name, **change), world, failure))
+    result = walk(robot=changed(name, **change), world=world, failure=failure, duration_s=5.0).result
     assert (result.status, result.cause) == ("no_progress" if cause else "ok", cause)
     assert TrialResult.from_dict(result.to_dict()).cause == cause
 

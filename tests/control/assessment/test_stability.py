@@ -1,4 +1,4 @@
-"""Gaits that stand safest with the legs that are left, against another hull and by walking them."""
+"""Gaits that stand safest with the legs that are left, against another hull; and fast gaits."""
 
 import math
 from dataclasses import replace
@@ -10,17 +10,8 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from hexctl import Failure, Gait, InputError, SimTrial, TrialPlan, make_gait
-from hexctl.control.assessment.crawl import CRAWL_SWING, auto_gait, gait_without, least_margin_m
-from hexctl.control.assessment.leg_sets import (
-    CRAWLS,
-    DOUBTFUL,
-    NO_GAIT,
-    WALKS,
-    LegSet,
-    doubt,
-    drag,
-    leg_set,
-)
+from hexctl.control.assessment.crawl import CRAWL_SWING, auto_gait, gait_without, least_margin_m, two_up
+from hexctl.control.assessment.leg_sets import CRAWLS, DOUBTFUL, NO_GAIT, WALKS, doubt, drag, leg_set
 from hexctl.control.assessment.static_stability import (
     STAND_UP,
     check_tucked,
@@ -31,13 +22,18 @@ from hexctl.control.assessment.static_stability import (
     standing_margin_m,
     static_margins_m,
 )
+from hexctl.control.assessment.top_speed import AMPLITUDES, COURSES_RAD, JointPath, fast_gaits
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.walks.turning import check_plan
+from hexctl.control.walks.velocity_walk import OVERDRIVE
+from hexctl.errors import UnusedError
 from hexctl.gait.encoding import slots_from_code
-from hexctl.gait.foot_trajectory import StepPattern, gait_feet_body, in_stance, part_of_cycle
-from hexctl.gait.gait import Motion
+from hexctl.gait.foot_trajectory import StepPattern, Swing, gait_feet_body, in_stance, part_of_cycle
+from hexctl.gait.gait import SWING_SHARE, Motion
 from hexctl.gait.posture import Posture
 from hexctl.ik.support_polygon import centre_of_mass_body, support
+from hexctl.runs.run import run
+from hexctl.runs.run_spec import RunSpec, plan_of
 from tests.robots import ROBOT_NAMES, shipped
 
 # Margins
@@ -45,7 +41,6 @@ from tests.robots import ROBOT_NAMES, shipped
 
 def walked_margin_m(robot_name: str, slots: tuple[int, ...], heading_rad: float, failure: Failure) -> float:
     """Smallest margin over the feet of the walk itself, by scipy's convex hull."""
-
     robot = shipped(robot_name)
     gait: Gait = make_gait(robot, slots)
     times_s = (10 + np.arange(200) / 200) / gait.pace_hz
@@ -99,7 +94,6 @@ def standing(failure: Failure | None = None, **posture: Any) -> TrialPlan:
 
 @pytest.mark.parametrize("robot_name", ["ant", "pexod"])
 def test_the_margin_of_standing_is_that_of_the_hull_of_the_feet_that_stand(robot_name: str) -> None:
-
     robot = shipped(robot_name)
     for tucked, shift in (((), (0.0, 0.0)), ((2, 5), (0.03, -0.01)), ((1, 2, 3), (0.0, 0.0))):
         feet = [leg - 1 for leg in range(1, 7) if leg not in tucked]
@@ -112,14 +106,9 @@ def test_the_margin_of_standing_is_that_of_the_hull_of_the_feet_that_stand(robot
 
 def test_legs_that_carry_nothing_do_not_stand() -> None:
     assert legs_that_stand(standing(tucked_legs=(2,))) == (1, 3, 4, 5, 6)
-    for kind, stands in {
-        "limp": False,
-        "missing": False,
-        "weak": True,
-        "stuck": True,
-        "locked": True,
-    }.items():
-        assert (4 in legs_that_stand(standing(Failure(leg=4, kind=kind)))) == stands
+    for kind in ("limp", "missing", "weak", "stuck", "locked"):
+        stands = legs_that_stand(standing(Failure(leg=4, kind=kind)))
+        assert (4 in stands) == (kind not in ("limp", "missing")), kind
     assert 4 in legs_that_stand(standing(Failure(leg=4, kind="limp", joint="coxa")))
     raised = standing(Failure(leg=4), body_raise=0.01)
     assert 4 not in legs_that_stand(raised), "it hangs in its stance"
@@ -218,11 +207,6 @@ def test_a_code_is_judged_at_the_stride_that_is_walked() -> None:
 # Legs that may be lost
 
 
-def judged(name: str, *legs: int) -> LegSet:
-    robot = shipped(name)
-    return leg_set(robot, make_gait(robot, "demo"), legs)
-
-
 @pytest.mark.parametrize(
     ("name", "legs", "verdict", "crawl"),
     [
@@ -237,7 +221,7 @@ def judged(name: str, *legs: int) -> LegSet:
 def test_which_legs_a_robot_can_lose(
     name: str, legs: tuple[int, ...], verdict: str, crawl: bool | None
 ) -> None:
-    found = judged(name, *legs)
+    found = leg_set(shipped(name), make_gait(shipped(name), "demo"), legs)
     assert found.verdict == verdict
     assert crawl is None or found.crawl == crawl
     assert (doubt(found) is None) == (verdict in (WALKS, CRAWLS))
@@ -251,9 +235,7 @@ def test_the_simulation_agrees(legs: tuple[int, ...], least: float, most: float)
     plan = TrialPlan(
         gait=make_gait(robot, "demo"), belief=first, further_failures=(second,), duration_s=6.0, hold="line"
     )
-    plan = TrialPlan(
-        gait=auto_gait(robot, plan), belief=first, further_failures=(second,), duration_s=6.0, hold="line"
-    )
+    plan = replace(plan, gait=auto_gait(robot, plan))
     result = run_sim_trial(SimTrial(robot=robot, plan=plan, failure=first, further_failures=(second,)))
     assert result.distance_m is not None
     assert least <= result.distance_m / result.ideal_distance_m <= most
@@ -272,3 +254,71 @@ def test_limp_neighbours_ahead_drag(legs: tuple[int, ...], kind: str, heading_de
     failures = [Failure(leg=leg, kind=kind) for leg in legs]
     note = drag(shipped("ant"), failures, math.radians(heading_deg))
     assert (note is not None) == drags
+
+
+# Fast gaits: the pace of each is the one that the servos hold
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_the_joints_follow_the_fastest_gait_with_strokes_as_long_as_steering_makes_them(name: str) -> None:
+    robot, gait = shipped(name), make_gait(shipped(name), "tripod")
+    for fast in fast_gaits(robot, gait, heading_rad=0.0):
+        pace_hz, most = OVERDRIVE * fast.pace_hz, 0.0
+        for course_rad in COURSES_RAD:
+            path = JointPath.of(robot, fast, Motion(heading_rad=course_rad))
+            assert path is not None
+            speeds = np.abs(pace_hz * path.changes_rad) / robot.joint_max_speed_rad_s
+            most = max(most, speeds.max(), path.drive(pace_hz))
+        assert most == pytest.approx(1.0, abs=2e-3)
+
+
+def test_a_servo_that_cannot_hold_its_torque_has_no_pace() -> None:
+    robot = shipped("phantomx")
+    weak = replace(robot, joint_max_torque_nm=robot.dry_friction_nm)
+    assert fast_gaits(weak, make_gait(weak, "tripod"), heading_rad=0.0) == ()
+
+
+def test_two_of_five_legs_are_in_the_air_at_any_time() -> None:
+    robot = shipped("ant")
+    gait = two_up(
+        robot, replace(make_gait(robot, "demo"), posture=Posture(tucked_legs=(2,))), heading_rad=0.0
+    )
+    u = part_of_cycle(np.linspace(0.001, 0.999, 97)[:, np.newaxis] + np.array(gait.leg_phases))
+    standing = in_stance(u, Swing.of(np.array(gait.swing_share)))[:, [leg != 1 for leg in range(6)]]
+    assert set(standing.sum(axis=1)) == {3}
+    coded = replace(make_gait(robot, 1, failed_legs=(2,)), swing_share=0.4, posture=gait.posture)
+    assert least_margin_m(robot, gait, heading_rad=0.0) > least_margin_m(robot, coded, heading_rad=0.0)
+
+
+def test_a_fast_walk_keeps_the_order_of_a_gait_by_its_name_and_of_auto_only_with_six_legs() -> None:
+    robot, failure = shipped("ant"), Failure(leg=5)
+    spec = RunSpec(fast=True, gait="demo", failure=(failure,))
+    coded = plan_of(spec, robot).gait
+    assert (coded.slots, coded.swing_share) == (make_gait(robot, "demo").slots, SWING_SHARE)
+    fast = plan_of(replace(spec, gait="auto"), robot).gait
+    assert fast.swing_share == 2 / 5
+    assert fast.pace_hz * fast.amplitude > coded.pace_hz * coded.amplitude
+    slow = auto_gait(robot, plan_of(replace(spec, fast=False, gait="auto"), robot))
+    assert fast.posture == slow.posture
+    assert round(fast.amplitude / slow.amplitude, 6) in AMPLITUDES
+
+
+def test_gaits_are_ranked_by_the_speed_at_which_the_body_walks() -> None:
+    robot = shipped("ant")
+    gaits = fast_gaits(robot, make_gait(robot, "demo"), heading_rad=0.0, lost=(5,), reorder=True)
+    speeds = [gait.amplitude * gait.pace_hz / (1 - gait.swing_share) for gait in gaits]
+    assert speeds == sorted(speeds, reverse=True)
+    assert len({gait.swing_share for gait in gaits}) == 2
+
+
+def test_a_fast_walk_takes_no_pace_of_its_own() -> None:
+    with pytest.raises(UnusedError, match="fast: got pace_hz too; allowed: one or the other"):
+        RunSpec(fast=True, pace_hz=1.0).check()
+
+
+@pytest.mark.slow
+def test_a_fast_walk_on_five_legs_is_faster_and_clips_no_more() -> None:
+    walk: dict[str, Any] = {"gait": "auto", "failure": "2:missing", "duration_s": 8.0, "record": False}
+    usual, fast = run(**walk).trial, run(**walk, fast=True).trial
+    assert (fast.distance_m or 0.0) > 1.4 * (usual.distance_m or math.inf)
+    assert fast.clipped_ticks <= usual.clipped_ticks

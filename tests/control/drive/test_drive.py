@@ -1,20 +1,25 @@
-"""`hexctl.Drive` in simulation, on simulated time."""
+"""`hexctl.Drive` in simulation, on simulated time; and whose command it follows."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hexctl import Drive, EStopError, Failure, Guard, InputError, Recorders, RobotState, SimServos, Velocity
-from hexctl.backends.base import ServosWrapper, simulation_of
+from hexctl.backends.base import simulation_of
 from hexctl.backends.mock import MockServos
-from hexctl.control.drive.drive_controller import DriveController
+from hexctl.control.drive.arbiter import SOURCES, ZERO, Arbiter, Decision
 from hexctl.control.monitor.recovery import StopWalking
+from hexctl.errors import WrongTypeError
 from hexctl.gait.body_pose import BodyPose
 from hexctl.gait.posture import STANCE
 from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import FloatArray
+from tests.control.posed import Faulty
 from tests.robots import shipped
 
 
@@ -27,15 +32,16 @@ def walked(drive: Drive, seconds: float) -> FloatArray:
     after = simulation_of(drive.guard).true_pose
     assert after is not None
     yaw = float(yaw_rad(before[1]))
-    moved = (after[0] - before[0])[:2]
+    moved = ((after[0] - before[0])[:2] @ np.array([1, 1j])) * np.exp(-1j * yaw)
     turned = (float(yaw_rad(after[1])) - yaw + np.pi) % (2 * np.pi) - np.pi
-    return np.array(
-        [
-            np.cos(yaw) * moved[0] + np.sin(yaw) * moved[1],
-            np.cos(yaw) * moved[1] - np.sin(yaw) * moved[0],
-            turned,
-        ]
-    )
+    return np.array([moved.real, moved.imag, turned])
+
+
+def height_m(drive: Drive) -> float:
+    """The height of the body as it is read in one more step."""
+    position = drive.step().base_position_world
+    assert position is not None
+    return float(position[2])
 
 
 @pytest.mark.slow
@@ -129,14 +135,11 @@ def test_it_sits_down_and_stands_up_again() -> None:
         drive.reset()
         drive.command(forward_m_s=0.1)
         walked(drive, 1.5)
-        height = drive.step().base_position_world
-        assert height is not None
+        standing_m = height_m(drive)
         drive.sit()
         walked(drive, 5.0)
         assert drive.mode == "sitting"
-        low = drive.step().base_position_world
-        assert low is not None
-        assert low[2] < 0.75 * height[2]
+        assert height_m(drive) < 0.75 * standing_m
         drive.command(forward_m_s=0.1)
         assert np.abs(walked(drive, 2.0)).max() < 0.01
         drive.stand()
@@ -151,13 +154,10 @@ def test_gait_and_height_change_in_stride() -> None:
     with Drive("ant", body_raise=0.05) as drive:
         drive.reset()
         walked(drive, 2.5)
-        raised = drive.step().base_position_world
+        raised_m = height_m(drive)
         drive.gait = replace(drive.gait, posture=STANCE)
         walked(drive, 2.5)
-        lowered = drive.step().base_position_world
-        assert raised is not None
-        assert lowered is not None
-        assert raised[2] - lowered[2] > 0.03
+        assert raised_m - height_m(drive) > 0.03
         drive.command(forward_m_s=0.08)
         drive.gait = "wave"
         walked(drive, 4.0)
@@ -223,16 +223,6 @@ def test_sources_outweigh_the_program_a_stop_outweighs_them_and_ticks_are_record
         drive.step()
 
 
-def test_servos_of_ones_own_are_driven_behind_their_guard() -> None:
-    guard = Guard(SimServos("ant"))
-    with Drive(servos=guard) as drive:
-        assert drive.guard is guard
-        drive.reset()
-        assert isinstance(drive.controller, DriveController)
-    with pytest.raises(InputError):
-        Drive("ant", servos=guard)
-
-
 def test_a_real_robot_stops_when_a_leg_fails_unless_told_otherwise() -> None:
     drive = Drive(servos=MockServos(shipped()))
     assert isinstance(drive._policy, StopWalking)
@@ -246,6 +236,8 @@ def test_what_is_not_allowed_is_refused_before_anything_is_opened() -> None:
     ):
         with pytest.raises(InputError, match=named):
             Drive("ant", **options)  # type: ignore[arg-type]
+    with pytest.raises(InputError):
+        Drive("ant", servos=Guard(SimServos("ant")))
     with pytest.raises(InputError):
         Drive("ant").step()
 
@@ -262,27 +254,113 @@ def test_a_leg_that_is_known_to_have_failed_is_not_walked_on() -> None:
         assert not drive.noticed
 
 
-class WildOnce(ServosWrapper):
-    """Servos of which one reading is wild."""
+def test_one_wild_reading_of_a_joint_neither_stops_a_walk_nor_accuses_a_leg() -> None:
+    reads = iter(range(1000))
 
-    def __init__(self, at_tick: int) -> None:
-        super().__init__(SimServos("ant"))
-        self._ticks, self._at_tick = 0, at_tick
-
-    def read(self) -> RobotState:
-        state = super().read()
-        self._ticks += 1
-        if self._ticks == self._at_tick:
-            state.joint_positions_rad[4] += 1.5
+    def wild_once(state: RobotState, _time_s: float) -> RobotState:
+        state.joint_positions_rad[4] += 1.5 * (next(reads) == 217)
         return state
 
-
-def test_one_wild_reading_of_a_joint_neither_stops_a_walk_nor_accuses_a_leg() -> None:
-    at_tick = 217
-    with Drive(servos=WildOnce(at_tick), policy="stop") as drive:
+    with Drive(servos=Faulty(SimServos("ant"), wild_once), policy="stop") as drive:
         drive.command(forward_m_s=drive.share(forward=0.8).forward_m_s)
-        for _ in range(at_tick + 60):
+        for _ in range(280):
             drive.step()
         assert not drive.noticed
         assert drive.stopped is None
         assert drive.velocity.forward_m_s > 0
+
+
+# Whose command the robot follows
+
+
+class Time:
+    """A clock that the test sets, in whole milliseconds so that sums are exact."""
+
+    ms = 0
+
+    def __call__(self) -> float:
+        return self.ms / 1000
+
+
+FORWARD = Velocity(forward_m_s=0.1)
+
+
+#: What happens: a source commands or lets go, or time passes, or the stop is pressed or cleared.
+EVENTS = st.lists(
+    st.one_of(
+        st.tuples(st.just("command"), st.sampled_from(SOURCES), st.integers(1, 9)),
+        st.tuples(st.just("release"), st.sampled_from(SOURCES), st.just(0)),
+        st.tuples(st.just("wait"), st.just(""), st.integers(1, 700)),
+        st.tuples(st.sampled_from(["stop", "clear"]), st.just(""), st.just(0)),
+    ),
+    max_size=30,
+)
+
+
+@given(EVENTS)
+def test_the_highest_source_that_spoke_lately_is_followed_and_a_stop_outweighs_all(
+    events: list[tuple[str, str, int]],
+) -> None:
+    time = Time()
+    arbiter = Arbiter(time)
+    said: dict[str, tuple[int, Velocity]] = {}
+    stopped = False
+    for kind, name, value in events:
+        if kind == "command":
+            said[name] = time.ms, Velocity(forward_m_s=float(value))
+            arbiter.source(name).command(said[name][1])
+        elif kind == "release":
+            if name in said:
+                said[name] = time.ms, ZERO
+            arbiter.source(name).release()
+        elif kind == "wait":
+            time.ms += value
+        elif kind == "stop":
+            arbiter.stop()
+            stopped = True
+        else:
+            arbiter.clear()
+            said, stopped = {}, False
+        fresh = [one for one in SOURCES if one in said and (one == "motion" or time.ms - said[one][0] <= 500)]
+        decision = arbiter.decide()
+        if stopped:
+            assert decision == Decision(stopped="stop")
+        elif fresh:
+            assert decision == Decision(said[fresh[-1]][1], fresh[-1])
+        else:
+            assert decision == Decision()
+
+
+def test_silence_ends_a_command_also_when_the_clock_goes_back_and_the_motion_of_a_program_stays() -> None:
+    time = Time()
+    time.ms = 1000
+    arbiter = Arbiter(time)
+    arbiter.source("page").command(FORWARD)
+    for ms, decision in ((900, Decision()), (1500, Decision(FORWARD, "page")), (1501, Decision())):
+        time.ms = ms
+        assert arbiter.decide() == decision
+    arbiter.source("motion").command(FORWARD)
+    time.ms = 10_000_000
+    assert arbiter.decide() == Decision(FORWARD, "motion")
+
+
+def test_what_was_asked_for_before_a_stop_is_cleared_does_not_move_the_robot() -> None:
+    arbiter = Arbiter(Time())
+    arbiter.source("motion").command(FORWARD)
+    arbiter.stop("leg 3 limp")
+    arbiter.stop("later")
+    assert arbiter.stopped == "leg 3 limp"
+    arbiter.clear()
+    assert arbiter.decide() == Decision()
+
+
+def test_what_is_not_allowed_is_named() -> None:
+    for value in (math.nan, math.inf, -math.inf):
+        with pytest.raises(InputError, match="turn_rad_s"):
+            Velocity(turn_rad_s=value)
+    with pytest.raises(InputError, match="source"):
+        Arbiter().source("mouse")
+    with pytest.raises(InputError, match="expiry_s"):
+        Arbiter(expiry_s=0.6)
+    with pytest.raises(WrongTypeError, match="velocity"):
+        Arbiter().source("page").command(1)  # type: ignore[arg-type]

@@ -6,14 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from hexctl.control.body_symmetry import IDENTITY, BodySymmetry
-from hexctl.control.monitor.repertoire import (
-    SAFEST,
-    WALK_ON,
-    Candidate,
-    FailedParts,
-    Repertoire,
-    Situation,
-)
+from hexctl.control.monitor.repertoire import SAFEST, WALK_ON, Candidate, FailedParts, Repertoire, Situation
 from hexctl.gait.gait import NAMED_SLOTS
 from tests.robots import shipped
 

@@ -38,9 +38,6 @@ PERIOD_S, PACE_HZ = 0.02, 0.9
 PHASES = np.array([0, 0.5, 0, 0.5, 0, 0.5])
 
 
-STANDS = slice(0, 4)  # parts of leg 1's cycle in which it stands
-
-
 TRIPOD = make_gait(shipped(), "tripod")
 
 

@@ -107,27 +107,6 @@ def test_on_uneven_ground_a_leg_that_is_blocked_for_a_step_is_left_alone_and_a_l
     assert 1.0 < cycles < 2.0
 
 
-@pytest.mark.parametrize(("leg", "at_cycle"), [(1, 6.0), (4, 6.3), (6, 6.6)])
-def test_a_locked_leg_is_found_within_a_cycle(leg: int, at_cycle: float) -> None:
-    joints = tuple(range(3 * leg - 3, 3 * leg))
-    ((delay, suspicion),) = _walk(_held(joints, torque_nm=0.3), at_cycle=at_cycle)
-    assert suspicion.failure == Failure(leg=leg, kind="locked")
-    assert 0 < delay < 1
-    assert suspicion.evidence == "following"
-
-
-@pytest.mark.parametrize(
-    ("joint", "kind", "torque_nm"), [("coxa", "stuck", 0.9), ("femur", "limp", 0.0), ("tibia", "stuck", 0.9)]
-)
-def test_one_joint_is_found_and_its_torque_tells_how_it_failed(
-    joint: str, kind: str, torque_nm: float
-) -> None:
-    index = Failure(leg=4, kind="stuck", joint=joint).joint_index
-    ((delay, suspicion),) = _walk(_held((index,), torque_nm=torque_nm))
-    assert (suspicion.leg, suspicion.failure.kind, suspicion.failure.joint) == (4, kind, joint)
-    assert 0 < delay < 1.3
-
-
 @pytest.mark.parametrize("efforts", [True, False])
 def test_a_leg_that_is_gone_is_missed_by_its_load(efforts: bool) -> None:
     ((delay, suspicion),) = _walk(_without_load(2), efforts=efforts)
@@ -224,21 +203,6 @@ def test_a_leg_that_fails_once_its_servo_is_heard_again_is_found() -> None:
     )
     assert (suspicion.leg, suspicion.evidence) == (2, "following")
     assert 0 < delay < 1.3
-
-
-def test_a_second_leg_is_found_after_the_first() -> None:
-    first, second = _held((0, 1, 2), torque_nm=0.3), _held((9, 10, 11), torque_nm=0.0)
-    ticks = 0
-
-    def breaks(seen: FloatArray, torques: FloatArray) -> None:
-        nonlocal ticks
-        first(seen, torques)
-        ticks += 1
-        if ticks > 6 / PACE_HZ / PERIOD_S:
-            second(seen, torques)
-
-    noticed = _walk(breaks, cycles=15.0)
-    assert [str(suspicion) for _, suspicion in noticed] == ["leg 1 locked", "leg 4 limp"]
 
 
 @pytest.mark.parametrize("efforts", [True, False])

@@ -14,7 +14,6 @@ from hexctl import (
     Guard,
     Robot,
     RobotState,
-    SimServos,
     SimTrial,
     TrialPlan,
     TrialResult,
@@ -25,13 +24,7 @@ from hexctl import (
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.monitor.leg_monitor import Suspicion
 from hexctl.control.monitor.monitored_walk import MonitoredWalk, recovering_walk
-from hexctl.control.monitor.recovery import (
-    GlideToStableGait,
-    RecoveryPolicy,
-    Response,
-    StopWalking,
-    WalkOn,
-)
+from hexctl.control.monitor.recovery import GlideToStableGait, RecoveryPolicy, Response, StopWalking, WalkOn
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial import planned_walk
 from hexctl.control.trial_plan import GaitChange
@@ -40,9 +33,9 @@ from hexctl.errors import WrongTypeError
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.robot.failure import NoticedFailure
 from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
-from hexctl.types import BoolArray, FloatArray
+from hexctl.types import BoolArray
 from tests.control.monitor.repertoires import made_up, situation
-from tests.control.posed import Faulty
+from tests.control.posed import Fault, Faulty
 from tests.robots import shipped
 
 EVENTS = ("5:locked@4.2", "2:limp@4.5", "3:missing@4.8", "1:stuck:femur@4")
@@ -259,43 +252,22 @@ def test_accusations_in_any_order_leave_each_leg_believed_once(
         assert len(set(believed)) == len(believed)
 
 
-@pytest.mark.parametrize("kind", ["limp", "locked", "missing"])
-def test_a_leg_that_is_dead_before_the_first_step_is_noticed_and_tucked(kind: str) -> None:
-    trial = replace(_trial(duration_s=3.0, self_rotation="none"), failure=Failure(leg=2, kind=kind))
-    _, walk = _walk(trial)
-    first = walk.noticed[0][0]
-    assert first.suspicion.failure == Failure(leg=2, kind=kind)
-    assert first.response.gait is not None
-    assert first.response.gait.posture.tucked_legs == (2,)
-
-
-def _with_joints(change: Callable[[FloatArray], FloatArray]) -> Callable[[RobotState], RobotState]:
-    return lambda state: replace(state, joint_positions_rad=change(state.joint_positions_rad.copy()))
-
-
 def _walk_with(
-    changed: Callable[[RobotState], RobotState], from_s: float, *, robot: str = "ant"
+    fault: Fault, *events: str, policy: RecoveryPolicy | None = None, **plan: Any
 ) -> tuple[TrialResult, MonitoredWalk]:
-    model, walks = shipped(robot), Kept()
-    plan = TrialPlan(gait=make_gait(model, "tripod"), hold="line", duration_s=9.0)
-
-    def fault(state: RobotState, time_s: float) -> RobotState:
-        return changed(state) if time_s >= from_s else state
-
-    with Guard(Faulty(SimServos(model), fault)) as guard:
-        return run_trial(guard, plan, walks.make), walks[0]
-
-
-@pytest.mark.slow
-def test_encoders_that_are_off_since_the_start_are_no_failure() -> None:
-    off_rad = np.radians(10.0) * np.array([1, -1, 1] * 6)
-    result, walk = _walk_with(_with_joints(lambda joints: joints + off_rad), 0.0)
-    assert (result.status, walk.noticed) == ("ok", ([],))
+    """A walk whose sensors show something else than what is."""
+    trial, walks = _trial(*events, **plan), Kept()
+    walks.policy = policy
+    with Guard(Faulty(trial.servos(), fault)) as guard:
+        return run_trial(guard, trial.plan, walks.make), walks[0]
 
 
 @pytest.mark.slow
 def test_torques_that_all_vanish_are_not_told_any_more() -> None:
-    result, walk = _walk_with(lambda state: replace(state, joint_torques_nm=np.zeros(18)), 5.0)
+    def vanish(state: RobotState, time_s: float) -> RobotState:
+        return replace(state, joint_torques_nm=np.zeros(18)) if time_s >= 5.0 else state
+
+    result, walk = _walk_with(vanish, duration_s=9.0)
     assert (result.status, walk.noticed) == ("ok", ([],))
 
 
@@ -304,12 +276,14 @@ def test_torques_that_all_vanish_are_not_told_any_more() -> None:
 def test_a_sensor_that_freezes_costs_a_leg_and_no_fall(joint: int) -> None:
     frozen = list[float]()
 
-    def freeze(joints: FloatArray) -> FloatArray:
-        frozen.append(joints[joint])
-        joints[joint] = frozen[0]
-        return joints
+    def freeze(state: RobotState, time_s: float) -> RobotState:
+        joints_rad = state.joint_positions_rad.copy()
+        if time_s >= 5.0:
+            frozen.append(joints_rad[joint])
+            joints_rad[joint] = frozen[0]
+        return replace(state, joint_positions_rad=joints_rad)
 
-    result, walk = _walk_with(_with_joints(freeze), 5.0)
+    result, walk = _walk_with(freeze, duration_s=9.0)
     assert [one.suspicion.leg for one in walk.noticed[0]] == [2]
     assert result.status == "ok"
     assert result.deviation is not None
@@ -331,12 +305,9 @@ def test_a_robot_that_falls_short_tells_its_higher_pace_and_still_finds_a_weak_j
         assert state.base_position_world is not None
         return replace(state, base_position_world=0.8 * state.base_position_world)
 
-    trial, walks = _trial("5:missing@3", "2:weak:femur:0.4@12", duration_s=16.0), Kept()
-    walks.policy = Tries()
-    with Guard(Faulty(trial.servos(), shortened)) as guard:
-        run_trial(guard, trial.plan, walks.make)
-    assert "policy: slow on this posture; pace raised to 1.35 Hz" in walks[0].news()
-    assert str(walks[0].noticed[0][-1].suspicion).startswith("leg 2 femur weak"), "found at that pace too"
+    _, walk = _walk_with(shortened, "5:missing@3", "2:weak:femur:0.4@12", policy=Tries(), duration_s=16.0)
+    assert "policy: slow on this posture; pace raised to 1.35 Hz" in walk.news()
+    assert str(walk.noticed[0][-1].suspicion).startswith("leg 2 femur weak"), "found at that pace too"
 
 
 class Raises(RecoveryPolicy):

@@ -16,7 +16,7 @@ from hexctl.gait.gait import make_gait
 from hexctl.gait.posture import Posture
 from hexctl.ik.legs import legs_that_reach, solve_legs
 from hexctl.types import FloatArray, RobotState
-from tests.robots import shipped
+from tests.robots import ROBOT_NAMES, shipped
 
 DT_S = 0.02
 
@@ -30,7 +30,7 @@ def tilted(roll_rad: float, pitch_rad: float = 0.0) -> FloatArray:
     return np.array([math.cos(roll_rad / 2), math.sin(roll_rad / 2), math.sin(pitch_rad / 2), 0.0])
 
 
-@pytest.mark.parametrize("name", ["ant", "pexod", "phantomx"])
+@pytest.mark.parametrize("name", ROBOT_NAMES)
 @pytest.mark.parametrize(
     "pose", [BodyPose(roll_rad=1.0, up_m=0.1), BodyPose(forward_m=1.0), BodyPose(up_m=-1.0)]
 )
@@ -110,7 +110,7 @@ def test_levelling_holds_while_the_orientation_is_frozen() -> None:
     assert rolls_rad[599] < at_end, "it levels again"
 
 
-@pytest.mark.parametrize("name", ["ant", "pexod", "phantomx"])
+@pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_levelling_stays_at_its_limit_and_turns_back_from_it(name: str) -> None:
     robot = shipped(name)
     gait = make_gait(robot, "tripod")

@@ -40,43 +40,28 @@ def test_the_turn_takes_the_heading_and_what_is_wanted_into_account() -> None:
     assert turn_needed_rad(shipped(), plan) == pytest.approx(math.radians(-60)), "as with the leg intact"
 
 
-@pytest.mark.parametrize("name", ["ant", "pexod"])
-def test_the_foot_of_a_jammed_leg_is_where_the_jam_puts_it(name: str) -> None:
-    """Leg 5 with its coxa at +30 deg: the foot stands further forward than the leg's stance."""
-    robot = shipped(name)
-    failure = Failure(leg=5, kind="stuck", joint="coxa", angle_rad=math.radians(30))
-    mount, foot = robot.mount_positions_body[4, :2], robot.stance_feet_body[4, :2]
-    cos, sin = math.cos(failure.angle_rad), math.sin(failure.angle_rad)
-    x, y = np.array([[cos, -sin], [sin, cos]]) @ (foot - mount) + mount
-    plan = TrialPlan(gait=gait_of(robot), belief=failure)
-    wanted_deg = math.remainder(180 - math.degrees(math.atan2(y, x)), 360)
-    assert math.degrees(turn_needed_rad(robot, plan)) == pytest.approx(wanted_deg, abs=1e-9)
-
-
-@pytest.mark.parametrize("believed_deg", [3.0, 2.0, 4.2])
-def test_dry_friction_is_stepped_over(believed_deg: float) -> None:
-    """Friction swallows the first 3 degrees of each small step; the robot file may have it otherwise."""
-    swallowed, missing_rad = math.radians(3.0), math.radians(0.8)
+@pytest.mark.parametrize(
+    ("swallowed_deg", "believed_deg", "besides_deg", "missing_deg", "most_off_deg"),
+    [(3, 3, 0.0, 0.8, 0.15), (3, 2, 0.0, 0.8, 0.15), (3, 4.2, 0.0, 0.8, 0.15), (0, 0, -0.3, 3.0, 0.03)],
+)
+def test_small_steps_learn_the_share_that_is_made_and_step_over_dry_friction(
+    swallowed_deg: float, believed_deg: float, besides_deg: float, missing_deg: float, most_off_deg: float
+) -> None:
+    """Half of each step is made and some turn besides; friction may swallow the first part of it."""
     steps = TurnSteps(math.radians(believed_deg))
-    assert swallowed_rad(shipped("ant")) == 0
-    assert math.degrees(swallowed_rad(shipped("phantomx"))) == pytest.approx(2.4 * math.degrees(0.5 / 18))
+    swallowed, missing_rad = math.radians(swallowed_deg), math.radians(missing_deg)
     for _ in range(MAX_TURN_STEPS):
         command_rad = steps.command_rad(missing_rad)
         turned_rad = 0.5 * math.copysign(max(0.0, abs(command_rad) - swallowed), command_rad)
+        turned_rad += math.radians(besides_deg)
         steps.learn(command_rad, turned_rad)
         missing_rad -= turned_rad
-    assert abs(math.degrees(missing_rad)) < 0.15
+    assert abs(math.degrees(missing_rad)) < most_off_deg
 
 
-def test_a_robot_that_makes_another_share_of_each_step_still_arrives() -> None:
-    """Half of what is commanded, and a third of a degree besides: steps learn both."""
-    steps, missing_rad = TurnSteps(), math.radians(3.0)
-    for _ in range(MAX_TURN_STEPS):
-        commanded_rad = steps.command_rad(missing_rad)
-        turned_rad = 0.5 * commanded_rad - math.radians(0.3)
-        steps.learn(commanded_rad, turned_rad)
-        missing_rad -= turned_rad
-    assert abs(math.degrees(missing_rad)) < 0.03
+def test_dry_friction_swallows_an_angle_that_the_robot_file_tells() -> None:
+    assert swallowed_rad(shipped("ant")) == 0
+    assert math.degrees(swallowed_rad(shipped("phantomx"))) == pytest.approx(2.4 * math.degrees(0.5 / 18))
 
 
 def _turned(failure: Failure, robot: str = "ant", **plan: Any) -> tuple[TrialResult, TickLog]:
