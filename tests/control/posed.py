@@ -9,6 +9,7 @@ from hexctl.backends.base import LegServos, ServosWrapper
 from hexctl.backends.mock import MockServos
 from hexctl.control.guard import Guard
 from hexctl.robot.model import Robot
+from hexctl.robot.rotations import quaternion_about
 from hexctl.types import FloatArray, JointTargets, RobotState, ServoReadings
 from tests.backends.fake_time import FakeTime
 from tests.robots import shipped
@@ -67,8 +68,7 @@ class PosedMock(MockServos):
 
     def lean(self, degrees: float) -> None:
         """Let it say that its body leans to the side."""
-        half = math.radians(degrees) / 2
-        self.quaternion_world = np.array([math.cos(half), math.sin(half), 0.0, 0.0])
+        self.quaternion_world = quaternion_about((1, 0, 0), math.radians(degrees))
 
     def spoil(self, part: str) -> None:
         """Let one part of its state say nothing: `joints`, `position`, `quaternion` or `age`."""

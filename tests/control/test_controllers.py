@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hexctl import Controller, EStopError, Guard, RobotState
+from hexctl import Controller, EStopError, RobotState
 from hexctl.control.controllers import LOOK_AHEAD_TICKS, Stand, Walk, soft_stop_steps
 from hexctl.control.log import TickLog
 from hexctl.control.loop import run_controller
@@ -11,7 +11,7 @@ from hexctl.gait.foot_trajectory import gait_feet_body
 from hexctl.gait.gait import Motion
 from hexctl.ik.legs import solve_legs
 from hexctl.types import FloatArray
-from tests.control.posed import PosedMock
+from tests.control.posed import connected
 from tests.robots import ROBOT_NAMES, shipped
 from tests.trials import gait_of
 
@@ -86,14 +86,8 @@ class _Nudge(Controller):
         return self._stance_rad + 0.01 * step
 
 
-def _connected() -> tuple[Guard, PosedMock, _Nudge, TickLog]:
-    servos = PosedMock()
-    servos.connect()
-    return Guard(servos), servos, _Nudge(ANT.stance_angles_rad), TickLog()
-
-
 def test_each_tick_reads_what_the_last_one_wrote_and_is_recorded() -> None:
-    guard, servos, controller, log = _connected()
+    (guard, servos), controller, log = connected(), _Nudge(ANT.stance_angles_rad), TickLog()
     last, state = run_controller(guard, controller, (log,), until=lambda step, _: step >= 9)
     assert last == 9
     assert [step for step, _ in controller.asked] == list(range(10))
@@ -109,7 +103,7 @@ def test_each_tick_reads_what_the_last_one_wrote_and_is_recorded() -> None:
 
 
 def test_steps_follow_the_clock_over_points_that_it_skips() -> None:
-    guard, servos, controller, log = _connected()
+    (guard, servos), controller, log = connected(), _Nudge(ANT.stance_angles_rad), TickLog()
 
     def slow(step: int, _: RobotState) -> bool:
         servos.time.work(0.02 * 3.5)
@@ -125,7 +119,7 @@ def test_steps_follow_the_clock_over_points_that_it_skips() -> None:
 
 
 def test_a_stop_ends_the_drive_before_the_servos_hear_of_it() -> None:
-    guard, servos, controller, log = _connected()
+    (guard, servos), controller, log = connected(), _Nudge(ANT.stance_angles_rad), TickLog()
 
     def press(step: int, _: RobotState) -> bool:
         if step == 3:

@@ -19,6 +19,7 @@ from hexctl.control.diagnosis.standing_test import (
 from hexctl.control.loop import run_controller
 from hexctl.ik.legs import range_excess_rad
 from hexctl.robot.failure_grammar import parse_kind
+from hexctl.robot.rotations import quaternion_about
 from tests.control.posed import Fault, Faulty
 
 PERIOD_S = 0.02
@@ -53,7 +54,7 @@ def _state(tilt_rad: float, contacts: list[bool]) -> RobotState:
         robot.stance_angles_rad,
         0.0,
         True,
-        base_quaternion_world=np.array([np.cos(tilt_rad / 2), np.sin(tilt_rad / 2), 0, 0]),
+        base_quaternion_world=quaternion_about((1, 0, 0), tilt_rad),
         foot_contacts=np.array(contacts),
     )
 

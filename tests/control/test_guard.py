@@ -11,6 +11,7 @@ from hexctl import EStopError, Guard, InputError, JointTargets, LegServos, Robot
 from hexctl.backends.mock import MockServos
 from hexctl.control.guard import POSE_EXPIRY_S, StepLimits, leaning
 from hexctl.errors import CommandRefusedError
+from hexctl.robot.rotations import quaternion_about
 from hexctl.testing.servo_conformance import LegServosConformance, move
 from hexctl.types import FloatArray
 from tests.backends.fake_time import FakeTime
@@ -377,10 +378,8 @@ def test_a_body_that_leans_too_far_for_a_fifth_of_a_second_has_fallen() -> None:
     ("degrees", "leans"), [(0, False), (49, False), (51, True), (-51, True), (180, True)]
 )
 def test_a_body_leans_beyond_fifty_degrees(degrees: float, leans: bool) -> None:
-    half = np.radians(degrees) / 2
-    around_x = np.array([np.cos(half), np.sin(half), 0, 0])
-    around_y = np.array([np.cos(half), 0, np.sin(half), 0])
-    assert leaning(np.stack([around_x, around_y])).tolist() == [leans, leans]
+    around = [quaternion_about(axis, math.radians(degrees)) for axis in ((1, 0, 0), (0, 1, 0))]
+    assert leaning(np.stack(around)).tolist() == [leans, leans]
 
 
 def test_how_long_the_body_has_leant_is_known_and_forgotten() -> None:

@@ -12,6 +12,7 @@ from hexctl.control.assessment.score import score
 from hexctl.control.trace import TrialFrame
 from hexctl.gait.gait import Motion
 from hexctl.robot.model import in_stance_of
+from hexctl.robot.rotations import about_z
 from hexctl.types import FloatArray
 from tests.robots import shipped, without_friction
 from tests.trials import gait_of
@@ -57,14 +58,6 @@ def moved(*, share: float = 1.0, back_m: float = 0.0) -> Robot:
     return replace(robot, mount_positions_body=mounts, stance_feet_body=feet)
 
 
-UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
-
-
-def _turned(yaws: FloatArray) -> FloatArray:
-    zeros = np.zeros_like(yaws)
-    return np.stack([np.cos(yaws / 2), zeros, zeros, np.sin(yaws / 2)], axis=-1)
-
-
 def scored(
     path: FloatArray, *, heading: float = 0.0, yaws: FloatArray | None = None, status: str = "ok", **plan: Any
 ) -> TrialResult:
@@ -73,7 +66,8 @@ def scored(
     cos, sin = math.cos(heading), math.sin(heading)
     turned = path @ np.array([[cos, sin], [-sin, cos]])
     world = np.column_stack([turned + origin[:2], np.full(len(path), 0.1) + plan.pop("heights", 0.0)])
-    quaternions = np.tile(UPRIGHT, (len(path), 1)) if yaws is None else _turned(yaws)
+    directions = np.zeros(len(path)) if yaws is None else yaws
+    quaternions = np.array([about_z(yaw) for yaw in directions]).reshape(-1, 4)
     duration_s, turned_rad = plan.pop("duration_s", 10.0), plan.pop("turned_rad", 0.0)
     hold, energy_j = plan.pop("hold", "none"), plan.pop("energy_j", None)
     return score(

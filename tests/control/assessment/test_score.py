@@ -21,8 +21,9 @@ from hexctl.control.assessment.walk_quality import (
     unsteadiness_m_s,
 )
 from hexctl.control.trace import TrialFrame
+from hexctl.robot.rotations import about_z, quaternion_of_euler
 from hexctl.types import FloatArray
-from tests.control.assessment.loads import UPRIGHT, along, changed, scored
+from tests.control.assessment.loads import along, changed, scored
 from tests.robots import shipped
 from tests.trials import gait_of, walk
 
@@ -100,7 +101,7 @@ def test_the_true_path_is_from_the_true_line_by_where_the_robot_was() -> None:
         clipped_ticks=0,
         frame=TrialFrame(measured_world[0], 1.5, 0.0),
         positions_world=measured_world,
-        quaternions_world=np.tile(UPRIGHT, (2, 1)),
+        quaternions_world=np.tile(about_z(0.0), (2, 1)),
         true_frame=TrialFrame(np.array([1.0, 2.0, 0.0]), math.pi / 2, 0.0),
         true_positions_world=np.array([[1.0, 2.0, 0.0], [0.7, 4.0, 0.0]]),
     )
@@ -206,8 +207,7 @@ def test_cost_of_transport_is_per_weight_and_metre_of_a_straight_walk() -> None:
 
 def leaning(roll_rad: FloatArray, yaw_rad: float) -> FloatArray:
     """Quaternions of a roll after a yaw."""
-    c, s, cy, sy = np.cos(roll_rad / 2), np.sin(roll_rad / 2), math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
-    return np.stack([cy * c, cy * s, sy * s, sy * c], axis=-1)
+    return np.array([quaternion_of_euler(roll, 0.0, yaw_rad) for roll in roll_rad])
 
 
 def test_lean_is_the_rms_angle_of_the_bodys_vertical_whatever_the_yaw() -> None:

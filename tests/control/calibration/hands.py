@@ -11,7 +11,22 @@ from hexctl.types import JOINT_NAMES, FloatArray
 ENDS_DEG = (-38.0, 47.0)
 
 
-class Hands:
+class Person:
+    """A person in front of a screen, with everything on it, and a script of answers by part of a question."""
+
+    def __init__(self, script: dict[str, list[str]]) -> None:
+        self.screen: list[str] = []
+        self._script, self._question, self._polls = script, "", 0
+
+    def tell(self, text: str) -> None:
+        self.screen.append(text)
+
+    def prompt(self, text: str) -> None:
+        self.screen.append(text)
+        self._question, self._polls = text, 0
+
+
+class Hands(Person):
     """Reads what is asked, poses the legs so, and answers.
 
     Args:
@@ -20,25 +35,15 @@ class Hands:
             nothing, `#` raises `interrupted` instead of an answer.
 
     Attributes:
-        screen: everything that was asked and said.
         true_deg: where the joints are.
         interrupted: whether Ctrl-C was pressed.
     """
 
     def __init__(self, hold: Callable[[FloatArray], None], **script: list[str]) -> None:
-        self._hold, self._script = hold, script
-        self.screen: list[str] = []
+        super().__init__(script)
+        self._hold, self.interrupted = hold, False
         self.true_deg: FloatArray = np.linspace(-12, 14, 18)  # as the legs hang
-        self.interrupted = False
-        self._question, self._polls = "", 0
         hold(self.true_deg)
-
-    def tell(self, text: str) -> None:
-        self.screen.append(text)
-
-    def prompt(self, text: str) -> None:
-        self.screen.append(text)
-        self._question, self._polls = text, 0
 
     def poll(self) -> str | None:
         self._polls += 1
@@ -77,8 +82,8 @@ class Hands:
         return JOINT_NAMES.index(named[-1])
 
 
-class Watcher:
-    """An operator who sees the true angle of a joint that motors move, and judges its direction and angle.
+class Watcher(Person):
+    """Sees the true angle of a joint that motors move, and judges its direction and angle.
 
     Args:
         true_deg: where the joint is now.
@@ -90,16 +95,9 @@ class Watcher:
     def __init__(
         self, true_deg: Callable[[], float], good_deg: float = 0.2, patience: int = 0, **script: list[str]
     ) -> None:
-        self._true_deg, self._good_deg, self._patience, self._script = true_deg, good_deg, patience, script
-        self.screen: list[str] = []
-        self._question, self._before_deg, self._polls = "", 0.0, 0
-
-    def tell(self, text: str) -> None:
-        self.screen.append(text)
-
-    def prompt(self, text: str) -> None:
-        self.screen.append(text)
-        self._question, self._polls = text, 0
+        super().__init__(script)
+        self._true_deg, self._good_deg, self._patience = true_deg, good_deg, patience
+        self._before_deg = 0.0
 
     def poll(self) -> str | None:
         self._polls += 1

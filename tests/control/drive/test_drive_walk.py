@@ -15,6 +15,7 @@ from hexctl.control.drive.velocity_hold import MOST, VelocityHold
 from hexctl.control.preparation import WalkStart
 from hexctl.control.walks.velocity_walk import OVERDRIVE, VelocityWalk
 from hexctl.ik.legs import foot_positions_body
+from hexctl.robot.rotations import about_z
 from hexctl.types import FloatArray
 from tests.robots import ROBOT_NAMES, shipped
 
@@ -192,8 +193,7 @@ class Slipping:
         # A step of a robot moves its sensors by more than their last bit.
         shake = 1e-9 * (self._ticks % 7)
         if self.measures != "nothing":
-            half = self.yaw / 2
-            known["base_quaternion_world"] = np.array([math.cos(half), shake, 0, math.sin(half)])
+            known["base_quaternion_world"] = about_z(self.yaw) + np.array([0, shake, 0, 0])
         if self.measures == "pose":
             known["base_position_world"] = np.array([*self.position, 0.1]) + shake
         self.told = RobotState(np.zeros(18), 0.0, True, **known)

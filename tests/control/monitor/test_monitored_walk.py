@@ -24,7 +24,7 @@ from hexctl import (
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.monitor.leg_monitor import Suspicion
 from hexctl.control.monitor.monitored_walk import MonitoredWalk, recovering_walk
-from hexctl.control.monitor.recovery import GlideToStableGait, RecoveryPolicy, Response, StopWalking, WalkOn
+from hexctl.control.monitor.recovery import RecoveryPolicy, Response, StopWalking, WalkOn
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial import planned_walk
 from hexctl.control.trial_plan import GaitChange
@@ -34,7 +34,6 @@ from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.robot.failure import NoticedFailure
 from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
 from hexctl.types import BoolArray
-from tests.control.monitor.repertoires import made_up, situation
 from tests.control.posed import Fault, Faulty
 from tests.robots import shipped
 
@@ -353,18 +352,6 @@ def test_once_more_is_known_of_a_failure_the_policy_is_asked_again() -> None:
     (told,) = result.noticed
     assert told.did == "changed to slots 4,5,6,3,2,1"
     assert result.status == "ok"
-
-
-def test_a_leg_that_the_repertoire_walks_on_with_is_not_tucked() -> None:
-    on = situation([[0.7, 0.7], [0.9, 0.9], [0.7, 0.7]], failed=((2, "stuck", "tibia"),))
-    result, walk = _walk(_trial("2:stuck:tibia@4.6", duration_s=8.0), GlideToStableGait(made_up(on)))
-    ((noticed,),) = walk.noticed
-    assert isinstance(walk.walk, VelocityWalk)
-    assert walk.walk.gaits == [make_gait(shipped(), "tripod")]
-    assert str(noticed.response).startswith("walked on: 20%")
-    assert result.status == "ok"
-    assert result.deviation is not None
-    assert result.deviation.max < 0.05
 
 
 @pytest.mark.slow
