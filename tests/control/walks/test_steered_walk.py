@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from hexctl import (
@@ -14,7 +13,6 @@ from hexctl import (
     Guard,
     InputError,
     RobotState,
-    SimServos,
     SimTrial,
     TrialPlan,
     TrialResult,
@@ -28,8 +26,6 @@ from hexctl.control.batch import run_sim_trial
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial_plan import Hold
 from hexctl.control.walks.steered_walk import SteeredWalk
-from hexctl.control.walks.steering import Course
-from hexctl.types import N_LEGS, FloatArray
 from tests.control.posed import Fault, Faulty
 from tests.robots import shipped
 
@@ -41,12 +37,6 @@ FAULTS: dict[str, dict[str, Any]] = {
     "a pose that freezes when the walk begins": {"pose_frozen_s": [[1.5, 4.5]]},
     "a yaw that drifts": {"yaw_drift_deg_per_min": 3},
 }
-
-
-def trial_of(code: int, hold: Hold, *, duration_s: float, world: World) -> SimTrial:
-    gait = make_gait(shipped(), str(code), failed_legs=(3,))
-    plan = TrialPlan(gait=gait, belief=Failure(leg=3), duration_s=duration_s, hold=hold)
-    return SimTrial(robot=shipped(), plan=plan, failure=Failure(leg=3), world=world).put_down_turned()
 
 
 def off_line_trial(*, hold: Hold = "auto", world: World | None = None, **plan: Any) -> SimTrial:
@@ -156,8 +146,12 @@ def test_what_stays_away_for_three_seconds_and_comes_back_costs_no_course(sensor
 @pytest.mark.slow
 def test_alone_is_as_in_a_batch_to_the_last_bit() -> None:
     noisy = World(sensor_noise=SensorNoise(position_m=0.01, yaw_deg=0.5, joint_deg=0.3))
-    holds: tuple[Hold, ...] = ("line", "heading")
-    trials = [trial_of(code, hold, duration_s=4.0, world=noisy) for code in (17, 62, 98) for hold in holds]
+    robot, failure, trials = shipped(), Failure(leg=3), list[SimTrial]()
+    ways: list[tuple[int, Hold, float]] = [(17, "line", 0.0), (62, "heading", 0.0), (98, "heading", 0.05)]
+    for code, hold, trim_rad in ways:
+        gait = make_gait(robot, code, failed_legs=(3,))
+        plan = TrialPlan(gait=gait, belief=failure, duration_s=4.0, hold=hold, trim_rad=trim_rad)
+        trials.append(SimTrial(robot=robot, plan=plan, failure=failure, world=noisy).put_down_turned())
     together = run_sim_trials(trials)
     assert together == [run_sim_trial(trial) for trial in trials]
     assert {result.hold for result in together} == {"line", "heading"}
@@ -173,60 +167,3 @@ def test_a_robot_without_a_pose_is_refused() -> None:
 def test_a_square_with_a_dead_leg_closes() -> None:
     example = runpy.run_path(str(Path(__file__).parents[3] / "examples" / "square.py"))
     assert example["walk_square"](Failure(leg=5), world=World(friction=0.5, slope_deg=1.0)) < 0.03
-
-
-class Stepping(SteeredWalk):
-    """Follows a line from 4 s on that is shifted to the left and turned; notes how far it is from it."""
-
-    def __init__(self, start: WalkStart, shift_m: float, turn_rad: float) -> None:
-        super().__init__(start)
-        self._shift_m, self._turn_rad = shift_m, turn_rad
-        self.aside_m: list[float] = []
-
-    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
-        assert state.base_position_world is not None
-        x, y = state.base_position_world[:2].tolist()
-        if step == 200:
-            self._origin = x, self._shift_m
-            origin_world = np.array(self._origin)
-            self.follow(Course(origin_world=origin_world, heading_rad=self._turn_rad, yaw_rad=0.0))
-        if step >= 200:
-            moved = x - self._origin[0], y - self._origin[1]
-            self.aside_m.append(math.cos(self._turn_rad) * moved[1] - math.sin(self._turn_rad) * moved[0])
-        return super().targets_rad(step, state)
-
-
-@pytest.mark.parametrize(("shift_m", "turn_rad"), [(0.2, 0.0), (0.0, math.radians(30))])
-def test_a_line_that_is_shifted_or_turned_is_reached_without_overshooting_far(
-    shift_m: float, turn_rad: float
-) -> None:
-    robot, made = shipped(), []
-
-    def stepping(start: WalkStart) -> Stepping:
-        made.append(Stepping(start, shift_m, turn_rad))
-        return made[0]
-
-    plan = TrialPlan(gait=make_gait(robot, "tripod"), hold="line", duration_s=18.0)
-    with SimServos(robot) as servos:
-        run_trial(servos, plan, stepping, soft_stop=False)
-    aside_m = np.array(made[0].aside_m)
-    assert aside_m[0] == pytest.approx(-shift_m, abs=0.02)
-    assert np.abs(aside_m[-100:]).max() < 0.02, "on the new line, the sway of a cycle included"
-    assert aside_m.max() < 0.06
-
-
-@pytest.mark.slow
-def test_one_measured_end_trims_the_next_walk_that_holds_its_heading() -> None:
-    world = World(joint_offset_deg=(2.0, 0.0, 0.0) * N_LEGS)  # not seen by dead reckoning
-    first = trial_of(17, "heading", world=world, duration_s=20.0)
-    before = run_sim_trial(first)
-    assert before.deviation is not None
-    assert before.distance_m is not None
-    assert before.deviation.final > 0.05
-    trim_rad = -math.atan2(before.deviation.signed, before.distance_m)
-    trials = [replace(first, plan=replace(first.plan, trim_rad=one)) for one in (trim_rad, 0.0)]
-    second, same = run_sim_trials(trials)
-    assert second.deviation is not None
-    assert second.deviation.final < 0.2 * before.deviation.final
-    assert same == before
-    assert run_sim_trial(trials[0]) == second
