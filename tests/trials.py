@@ -1,19 +1,20 @@
 """Trials in the simulation, as short to write as a command line."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
+from hexctl.control.batch import SimTrial
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.gait.encoding import Slots
-from hexctl.gait.gait import NAMED_SLOTS, Gait
-from hexctl.robot.failure import Failure
+from hexctl.gait.gait import NAMED_SLOTS, Gait, make_gait
+from hexctl.robot.failure import Failure, FailureEvent
 from hexctl.robot.model import Robot
 from tests.robots import shipped
 
@@ -52,6 +53,23 @@ def walk(
             guard, TrialPlan(gait=gait_of(robot, gait), belief=failure, **plan), recorders=(log,)
         )
     return Outcome(result, log, guard)
+
+
+def sim_trial(
+    gait: str = "tripod",
+    *,
+    robot: Robot | None = None,
+    failure: Failure | None = None,
+    world: World | str | None = None,
+    seed: int = 0,
+    events: Sequence[FailureEvent] = (),
+    **plan: Any,
+) -> SimTrial:
+    """A simulated trial; `plan` holds more of a `TrialPlan`, which knows of the failure."""
+    robot = robot or shipped()
+    made = make_gait(robot, gait, failed_legs=(failure.leg,) if failure else ())
+    known = TrialPlan(gait=made, **{"belief": failure, **plan})
+    return SimTrial(robot=robot, plan=known, failure=failure, world=world, seed=seed, events=events)
 
 
 class Calling:

@@ -33,7 +33,7 @@ from hexctl.robot.rotations import yaw_rad
 from hexctl.types import BoolArray, FloatArray
 from tests.control.posed import PosedMock
 from tests.robots import shipped
-from tests.trials import Calling
+from tests.trials import Calling, sim_trial
 
 ANT = shipped()
 
@@ -69,17 +69,8 @@ class UntilAhead(YawHold):
 
 
 def _trials(world: World, duration_s: float = 3.0) -> list[SimTrial]:
-    failure = Failure(leg=3)
-    plans = [
-        TrialPlan(
-            gait=make_gait(ANT, code, failed_legs=(3,)),
-            belief=failure,
-            duration_s=duration_s,
-            self_rotation="none",
-        )
-        for code in ("1", "57", "120")
-    ]
-    return [SimTrial(robot=ANT, plan=plan, failure=failure, world=world, seed=4) for plan in plans]
+    given: dict[str, Any] = {"failure": Failure(leg=3), "world": world, "seed": 4, "self_rotation": "none"}
+    return [sim_trial(code, duration_s=duration_s, **given) for code in ("1", "57", "120")]
 
 
 def _walked(

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from hexctl import Failure, InputError, SimTrial, TrialPlan, World, make_gait
+from hexctl import Failure, InputError, SimTrial, World
 from hexctl.control.assessment.uncertainty import simulation_uncertainty, uncertainty_of_walks
 from hexctl.control.assessment.uncertainty_store import (
     UNCERTAINTIES,
@@ -17,16 +17,12 @@ from hexctl.control.assessment.uncertainty_store import (
 )
 from hexctl.control.batch import run_sim_trial
 from tests.robots import ROBOT_NAMES, shipped
+from tests.trials import sim_trial
 
 
 def walk(duration_s: float = 4.0, **world: float) -> SimTrial:
-    plan = TrialPlan(
-        gait=make_gait(shipped(), "17", failed_legs=(5,)),
-        belief=Failure(leg=5),
-        self_rotation="none",
-        duration_s=duration_s,
-    )
-    return SimTrial(robot=shipped(), plan=plan, failure=Failure(leg=5), world=World.model_validate(world))
+    place = World.model_validate(world)
+    return sim_trial("17", failure=Failure(leg=5), world=place, duration_s=duration_s, self_rotation="none")
 
 
 def end_m(trial: SimTrial) -> float:

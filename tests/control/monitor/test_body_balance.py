@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexctl import Failure, Guard, RobotState, SimTrial, TrialPlan, make_gait, run_sim_trials
+from hexctl import Failure, Guard, RobotState, TrialPlan, make_gait, run_sim_trials
 from hexctl.backends.mock import MockServos
 from hexctl.control.monitor import leg_monitor, monitored_walk
 from hexctl.control.monitor.body_balance import BodyBalance
@@ -31,6 +31,7 @@ from hexctl.types import BoolArray, FloatArray
 from tests.backends.fake_time import FakeTime
 from tests.control.posed import PosedMock
 from tests.robots import shipped
+from tests.trials import sim_trial
 
 PERIOD_S, PACE_HZ = 0.02, 0.9
 
@@ -248,11 +249,8 @@ def test_a_dead_leg_of_servos_that_echo_is_found_in_the_simulation(contacts_told
         walks[-1].contacts_told = contacts_told
         return walks[-1]
 
-    plan = TrialPlan(gait=make_gait(shipped(), "tripod"), hold="line", duration_s=12.0)
     events = [[], [parse_failure_event("2:limp@8")], [parse_failure_event("6:missing@8.4")]]
-    trials = [
-        SimTrial(robot=shipped(), plan=plan, failure=None, events=tuple(each), seed=1) for each in events
-    ]
+    trials = [sim_trial(events=each, seed=1, hold="line", duration_s=12.0) for each in events]
     run_sim_trials(trials, make_controller=make)
     noticed = [[one.suspicion for one in each] for walk in walks for each in walk.noticed]
     assert [[one.leg for one in each] for each in noticed] == [[], [2], [6]]

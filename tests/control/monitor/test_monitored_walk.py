@@ -36,15 +36,15 @@ from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
 from hexctl.types import BoolArray
 from tests.control.posed import Fault, Faulty
 from tests.robots import shipped
+from tests.trials import sim_trial
 
 EVENTS = ("5:locked@4.2", "2:limp@4.5", "3:missing@4.8", "1:stuck:femur@4")
 
 
-def _trial(*events: str, duration_s: float = 10.0, world: str = "flat", **plan: Any) -> SimTrial:
+def _trial(*events: str, duration_s: float = 10.0, hold: str = "line", **given: Any) -> SimTrial:
     """A tripod on its line; events are failures, and healings as `5@8`."""
-    made = TrialPlan(gait=make_gait(shipped(), "tripod"), duration_s=duration_s, **{"hold": "line", **plan})
     happens = [parse_failure_event(one) if ":" in one else parse_healing(one) for one in events]
-    return SimTrial(robot=shipped(), plan=made, failure=plan.get("belief"), world=world, events=happens)
+    return sim_trial(events=happens, duration_s=duration_s, hold=hold, **given)
 
 
 class Kept(list[MonitoredWalk]):
@@ -97,7 +97,7 @@ def test_whole_legs_are_left_alone(world: str, lost_legs: tuple[list[TrialResult
 
 def test_a_leg_that_the_plan_knows_of_is_not_noticed_again_and_another_is_taken_back_once_it_heals() -> None:
     belief = Failure(leg=2, kind="limp")
-    trial = _trial("5:limp@3", "5@6", duration_s=14.0, belief=belief, self_rotation="none")
+    trial = _trial("5:limp@3", "5@6", duration_s=14.0, failure=belief, self_rotation="none")
     first, second = _walk(trial)[1].noticed[0]
     assert first.suspicion.leg == 5
     assert first.response.gait is not None

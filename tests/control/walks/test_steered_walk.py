@@ -24,10 +24,10 @@ from hexctl import (
 from hexctl.backends.sim.flaws import SensorNoise
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.preparation import WalkStart
-from hexctl.control.trial_plan import Hold
 from hexctl.control.walks.steered_walk import SteeredWalk
 from tests.control.posed import Fault, Faulty
 from tests.robots import shipped
+from tests.trials import sim_trial
 
 #: In times of the simulation; the walk begins at 1 s, and in open loop ends 1.1 m off. Measured: 0.3 cm off
 #: without a fault, 0.4 to 0.6 with most, 1.9 and 0.9 with the second and third pose that freezes.
@@ -39,11 +39,9 @@ FAULTS: dict[str, dict[str, Any]] = {
 }
 
 
-def off_line_trial(*, hold: Hold = "auto", world: World | None = None, **plan: Any) -> SimTrial:
+def off_line_trial(**given: Any) -> SimTrial:
     """A walk with leg 3 locked and no self-rotation, which veers by decimetres in open loop."""
-    gait = make_gait(shipped(), "62", failed_legs=(3,))
-    made = TrialPlan(gait=gait, belief=Failure(leg=3), self_rotation="none", hold=hold, **plan)
-    return SimTrial(robot=shipped(), plan=made, failure=Failure(leg=3), world=world)
+    return sim_trial("62", failure=Failure(leg=3), **{"self_rotation": "none", "hold": "auto", **given})
 
 
 def truly_off_m(result: TrialResult) -> float:
@@ -146,12 +144,11 @@ def test_what_stays_away_for_three_seconds_and_comes_back_costs_no_course(sensor
 @pytest.mark.slow
 def test_alone_is_as_in_a_batch_to_the_last_bit() -> None:
     noisy = World(sensor_noise=SensorNoise(position_m=0.01, yaw_deg=0.5, joint_deg=0.3))
-    robot, failure, trials = shipped(), Failure(leg=3), list[SimTrial]()
-    ways: list[tuple[int, Hold, float]] = [(17, "line", 0.0), (62, "heading", 0.0), (98, "heading", 0.05)]
-    for code, hold, trim_rad in ways:
-        gait = make_gait(robot, code, failed_legs=(3,))
-        plan = TrialPlan(gait=gait, belief=failure, duration_s=4.0, hold=hold, trim_rad=trim_rad)
-        trials.append(SimTrial(robot=robot, plan=plan, failure=failure, world=noisy).put_down_turned())
+    trials = [
+        sim_trial(code, failure=Failure(leg=3), world=noisy, duration_s=4.0, hold=hold, trim_rad=trim_rad)
+        for code, hold, trim_rad in (("17", "line", 0.0), ("62", "heading", 0.0), ("98", "heading", 0.05))
+    ]
+    trials = [trial.put_down_turned() for trial in trials]
     together = run_sim_trials(trials)
     assert together == [run_sim_trial(trial) for trial in trials]
     assert {result.hold for result in together} == {"line", "heading"}

@@ -23,6 +23,7 @@ from hexctl.gait.posture import Posture
 from hexctl.ik.legs import foot_positions_body, legs_that_reach, solve_legs
 from hexctl.types import FloatArray, RobotState
 from tests.robots import ROBOT_NAMES, shipped
+from tests.trials import sim_trial
 
 ROBOT = shipped()
 PERIOD_S = 0.02
@@ -291,13 +292,10 @@ def test_another_gait_scales_the_pose_again() -> None:
 
 @pytest.mark.slow
 def test_a_level_walk_of_a_batch_equals_a_single_one_and_leans_less() -> None:
-    robot = shipped("ant")
-
-    def trial(gait: str, *, level: bool) -> SimTrial:
-        plan = TrialPlan(gait=make_gait(robot, gait), duration_s=4.0, hold="line", level=level)
-        return SimTrial(robot=robot, plan=plan, failure=None, world="slope")
-
-    trials = [trial("tripod", level=True), trial("wave", level=True), trial("tripod", level=False)]
+    trials = [
+        sim_trial(gait, world="slope", duration_s=4.0, hold="line", level=level)
+        for gait, level in (("tripod", True), ("wave", True), ("tripod", False))
+    ]
     first, second, leaning = run_sim_trials(trials)
     assert [first, second] == [run_sim_trial(one) for one in trials[:2]]
     assert first.tilt_deg is not None

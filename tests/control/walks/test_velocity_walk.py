@@ -12,7 +12,6 @@ from hexctl import (
     InputError,
     RobotState,
     SimServos,
-    SimTrial,
     TrialPlan,
     TrialResult,
     make_gait,
@@ -22,13 +21,14 @@ from hexctl import (
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.log import TickLog
 from hexctl.control.preparation import WalkStart
-from hexctl.control.trial_plan import GaitChange, Hold
+from hexctl.control.trial_plan import GaitChange
 from hexctl.control.walks.velocity_walk import FULL_SPEED_S, OVERDRIVE, VelocityWalk, nearest_phases
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.gait.posture import Posture
 from hexctl.ik.legs import foot_positions_body
 from hexctl.types import FloatArray
 from tests.robots import shipped
+from tests.trials import sim_trial
 
 NOTHING = RobotState(np.zeros(18), 0.0, True)
 
@@ -156,17 +156,11 @@ def test_without_a_change_the_open_loop_walk_is_nearly_the_planned_one() -> None
 
 @pytest.mark.slow
 def test_changes_in_a_batch_are_as_alone_to_the_last_bit() -> None:
-    robot = shipped()
-    holds: tuple[Hold, ...] = ("line", "none")
-
-    def trial(name: str, then: str, hold: Hold) -> SimTrial:
-        change = GaitChange(gait=make_gait(robot, then), at_s=1.5)
-        plan = TrialPlan(gait=make_gait(robot, name), changes=(change,), hold=hold, duration_s=4)
-        return SimTrial(robot=robot, plan=plan, failure=None)
-
-    trials = [
-        trial(name, then, hold) for name, then in (("demo", "wave"), ("wave", "demo")) for hold in holds
-    ]
+    trials = []
+    for hold in ("line", "none"):
+        for name, then in (("demo", "wave"), ("wave", "demo")):
+            change = GaitChange(gait=make_gait(shipped(), then), at_s=1.5)
+            trials.append(sim_trial(name, changes=(change,), hold=hold, duration_s=4))
     assert run_sim_trials(trials) == [run_sim_trial(one) for one in trials]
 
 
@@ -184,14 +178,11 @@ def test_a_tucked_leg_stays_up_and_the_body_shifts_over_its_feet() -> None:
 
 @pytest.mark.slow
 def test_a_walk_that_is_slower_than_asked_for_says_so_alone_and_in_a_batch() -> None:
-    robot = shipped()
-
     def fast(start: WalkStart) -> VelocityWalk:
         velocity = np.broadcast_to([0.5, 0.0, 0.0], (*start.batch_shape, 3))
         return VelocityWalk(start, lambda *_: velocity)
 
-    plans = [TrialPlan(gait=make_gait(robot, "tripod"), duration_s=duration_s) for duration_s in (1.0, 1.5)]
-    trials = [SimTrial(robot=robot, plan=plan, failure=None) for plan in plans]
+    trials = [sim_trial(duration_s=duration_s) for duration_s in (1.0, 1.5)]
     results = run_sim_trials(trials, make_controller=fast)
     assert [result.limited_ticks for result in results] == [50, 75]
     assert results == [run_sim_trial(trial, fast) for trial in trials]
