@@ -28,8 +28,10 @@ class Outcome:
     guard: Guard
 
 
-def gait_of(robot: Robot, gait: str | Slots = "demo") -> Gait:
-    """Return a gait by name or slots with the robot's own pace, amplitude and height."""
+def gait_of(robot: Robot, gait: str | Slots | Gait = "demo") -> Gait:
+    """Return a gait as it is, or one by name or slots with the robot's own pace, amplitude and height."""
+    if isinstance(gait, Gait):
+        return gait
     slots = NAMED_SLOTS[gait] if isinstance(gait, str) else gait
     return Gait(
         slots=slots, pace_hz=robot.gait.pace_hz, amplitude=robot.gait.amplitude, height=robot.gait.height
@@ -37,7 +39,7 @@ def gait_of(robot: Robot, gait: str | Slots = "demo") -> Gait:
 
 
 def walk(
-    gait: str | Slots = "demo",
+    gait: str | Slots | Gait = "demo",
     *,
     robot: Robot | None = None,
     failure: Failure | None = None,

@@ -7,19 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl import (
-    Guard,
-    InputError,
-    RobotState,
-    SimServos,
-    TrialPlan,
-    TrialResult,
-    make_gait,
-    run_sim_trials,
-    run_trial,
-)
+from hexctl import InputError, RobotState, TrialPlan, make_gait, run_sim_trials
 from hexctl.control.batch import run_sim_trial
-from hexctl.control.log import TickLog
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial_plan import GaitChange
 from hexctl.control.walks.velocity_walk import FULL_SPEED_S, OVERDRIVE, VelocityWalk, nearest_phases
@@ -28,7 +17,7 @@ from hexctl.gait.posture import Posture
 from hexctl.ik.legs import foot_positions_body
 from hexctl.types import FloatArray
 from tests.robots import shipped
-from tests.trials import sim_trial
+from tests.trials import sim_trial, walk
 
 NOTHING = RobotState(np.zeros(18), 0.0, True)
 
@@ -141,16 +130,9 @@ def test_a_gait_changes_in_stride_without_a_jump_and_is_the_other_one_then() -> 
     assert (turns > 0).all(), "rear to front on the left, then on the right"
 
 
-def walked(plan: TrialPlan) -> tuple[TrialResult, TickLog]:
-    log = TickLog()
-    with Guard(SimServos(shipped())) as guard:
-        return run_trial(guard, plan, recorders=(log,)), log
-
-
 def test_without_a_change_the_open_loop_walk_is_nearly_the_planned_one() -> None:
-    plan = TrialPlan(gait=make_gait(shipped(), "tripod"), duration_s=4)
-    same = replace(plan, changes=(GaitChange(gait=plan.gait, at_s=3.5),))
-    first, second = walked(plan)[0], walked(same)[0]
+    same = GaitChange(gait=make_gait(shipped(), "tripod"), at_s=3.5)
+    first, second = (walk("tripod", changes=each, duration_s=4).result for each in ((), (same,)))
     assert second.distance_m == pytest.approx(first.distance_m, abs=0.01)
 
 
@@ -167,9 +149,9 @@ def test_changes_in_a_batch_are_as_alone_to_the_last_bit() -> None:
 def test_a_tucked_leg_stays_up_and_the_body_shifts_over_its_feet() -> None:
     robot, posture = shipped(), Posture(tucked_legs=(5,), shift=(0.0, 0.02))
     gait = replace(make_gait(robot, "wave"), posture=posture)
-    result, log = walked(TrialPlan(gait=gait, duration_s=5))
-    rows = log.rows_of("walk")
-    assert result.status == "ok"
+    outcome = walk(gait, duration_s=5)
+    log, rows = outcome.log, outcome.log.rows_of("walk")
+    assert outcome.result.status == "ok"
     assert not log["foot_contacts"][rows][120:, 4].any()
     feet = foot_positions_body(robot, log["wanted_rad"][rows][120:])
     other = np.delete(feet - robot.stance_feet_body, 4, axis=1)
@@ -195,7 +177,7 @@ def test_a_slower_gait_on_the_way_is_no_walk_without_progress_open_loop_or_held(
     change = GaitChange(gait=replace(tripod, pace_hz=0.3 * tripod.pace_hz), at_s=3.0)
     ideal_m = ideal_speed_m_s(robot, tripod, TrialPlan(gait=tripod).motion(0.0)) * (3.0 + 0.3 * 7.0)
     for hold in ("none", "line"):
-        result, _ = walked(TrialPlan(gait=tripod, changes=(change,), hold=hold, duration_s=10))
+        result = walk(tripod, changes=(change,), hold=hold, duration_s=10).result
         assert result.status == "ok"
         assert result.ideal_distance_m == pytest.approx(ideal_m)
         assert result.distance_m is not None
