@@ -1,18 +1,15 @@
 """Search all decoders, or some: `python -m tests.fuzz --inputs 100000 [TARGET ...]`. It needs atheris."""
 
 import argparse
-import json
 import re
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
 
 from tests.fuzz.corpus import keep, keep_found, kept, reaching
 from tests.fuzz.rooms import ROOMS, targets_of
-from tests.fuzz.table import table
 from tests.fuzz.target import Target
 
 _STAT = re.compile(r"stat::(\w+):\s*(\d+)")
@@ -27,12 +24,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=int, default=0, help="time for each, 0 for any (default: 0)")
     parser.add_argument("--seed", type=int, default=0, help="of the mutations, 0 for any (default: 0)")
     parser.add_argument("--keep", action="store_true", help="keep what reached something new, or fell")
-    parser.add_argument("--log", type=Path, help="file that gets a line of JSON for each target")
-    parser.add_argument("--table", action="store_true", help="print a table of the log, and search nothing")
     wanted = parser.parse_args()
-    if wanted.table:
-        print(table(wanted.log))
-        return 0
     chosen = [(room, target) for room in ROOMS for target in targets_of(room)]
     known = {*ROOMS, *(target.name for _, target in chosen)}
     if unknown := set(wanted.targets) - known:
@@ -59,34 +51,20 @@ def _search(room: str, target: Target, wanted: argparse.Namespace) -> int:
         falls = sorted(folder.glob(f"{name}-*.txt"))
         if done.returncode or "number_of_executed_units" not in stats:
             print(done.stderr[-2000:], file=sys.stderr)
-        found: dict[str, Any] = {
-            "room": room,
-            "target": name,
-            "inputs": int(stats.get("number_of_executed_units", 0)),
-            "seconds": round(time.monotonic() - began_s, 1),
-            "branches": int((_COVERAGE.findall(done.stderr) or ["0"])[-1]),
-            "fell": len(falls) + (done.returncode != 0),
-        }
-        _print(found, falls)
-        if wanted.log is not None:
-            with wanted.log.open("a", encoding="utf-8") as log:
-                log.write(json.dumps(found) + "\n")
+        inputs = int(stats.get("number_of_executed_units", 0))
+        branches = int((_COVERAGE.findall(done.stderr) or ["0"])[-1])
+        taken_s = time.monotonic() - began_s
+        fell = len(falls) + (done.returncode != 0)
+        print(f"{name:16} {inputs:>10} inputs, {taken_s:>6.1f} s, {branches:>5} branches, {fell} fell")
+        for fall in falls:
+            print(f"  {fall.with_suffix('.bin').read_bytes()[:200]!r}\n  {fall.read_text()}")
+        sys.stdout.flush()
         if wanted.keep:
             reached = [path.read_bytes() for path in (folder / "corpus").glob("*")]
             keep(room, name, reaching(target, {*kept(name), *reached}))
             ended = [path for kind in ("crash", "timeout", "oom") for path in folder.glob(f"{kind}-*")]
             keep_found(name, [path.read_bytes() for path in (*folder.glob(f"{name}-*.bin"), *ended)])
-    return int(found["fell"])
-
-
-def _print(found: dict[str, Any], falls: list[Path]) -> None:
-    print(
-        "{target:16} {inputs:>10} inputs, {seconds:>6} s, {branches:>5} branches, {fell} fell".format(**found)
-    )
-    for fall in falls:
-        data = fall.with_suffix(".bin").read_bytes()
-        print(f"  {data[:200]!r}\n  {fall.read_text()}")
-    sys.stdout.flush()
+    return fell
 
 
 if __name__ == "__main__":

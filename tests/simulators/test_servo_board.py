@@ -1,15 +1,19 @@
-"""The servo board: peers, commands, silence, channels."""
+"""The servo board: peers, commands, silence, channels, and what ground stations ask it for."""
 
+import copy
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common
 
 from hexctl.backends.mavlink import mavlink_messages
+from hexctl.backends.mavlink.codec import Codec
 from hexctl.errors import CommandRefusedError
 from hexctl.robot.servos.servo_map import default_servo_map
+from hexctl.simulators.board_messages import PARAMETER, answers
 from hexctl.simulators.servo_board import (
     FORGET_AFTER_S,
     FREE_AFTER_S,
@@ -23,32 +27,46 @@ from tests.backends.mavlink.boards import MemoryBoard, fitting_map, memory_board
 from tests.backends.mavlink.clients import Client
 from tests.robots import shipped
 
-LOOSE_US = 2.0
+
+class BoardClient(Client):
+    """A client of a board in memory.
+
+    Attributes:
+        board: the board.
+        stance: pulses of the robot's stance.
+    """
+
+    def __init__(self, board: MemoryBoard, name: str = "controller", **about: Any) -> None:
+        super().__init__(board.port.peer(name), **about)
+        self.board = board
+        self.stance: FloatArray = board.servo_map.to_us(shipped().stance_angles_rad)
+
+    def override(self, pulses: FloatArray, sequence: int | None = None) -> None:
+        """Send an override once."""
+        self.say(mavlink_messages.override(pulses, 1, 1), sequence=sequence)
+
+    def fall_silent(self) -> None:
+        """Say nothing until the board notices."""
+        self.until(lambda: self.state() == mavlink_messages.CRITICAL)
+
+    def shows(self, pulses: FloatArray) -> bool:
+        """Whether the board drives these pulses."""
+        return bool(np.allclose(self.outputs().pulses_us, pulses, atol=2.0))
+
+    def released(self) -> bool:
+        """Whether no channel is driven."""
+        return not self.outputs().active.any()
 
 
 @pytest.fixture
-def running(tmp_path: Path) -> Iterator[MemoryBoard]:
-    with memory_board(fitting_map(tmp_path), release_after_s=1.5) as made:
-        yield made
+def client(tmp_path: Path) -> Iterator[BoardClient]:
+    with memory_board(fitting_map(tmp_path), release_after_s=1.5) as board:
+        client = BoardClient(board)
+        client.hail()
+        yield client
 
 
-@pytest.fixture
-def client(running: MemoryBoard) -> Client:
-    made = Client(running.port.peer())
-    made.hail()
-    return made
-
-
-@pytest.fixture
-def stance(running: MemoryBoard) -> FloatArray:
-    return running.servo_map.to_us(shipped().stance_angles_rad)
-
-
-def shows(client: Client, pulses: FloatArray) -> bool:
-    return bool(np.allclose(client.outputs().pulses_us, pulses, atol=LOOSE_US))
-
-
-def test_who_comes_is_told_at_once_who_is_there(client: Client) -> None:
+def test_who_comes_is_told_at_once_who_is_there(client: BoardClient) -> None:
     client.until(lambda: any(frame.kind == "NAMED_VALUE_INT" for frame in client.heard))
     kinds = [frame.kind for frame in client.heard]
     assert kinds[:2] == ["HEARTBEAT", "NAMED_VALUE_INT"]
@@ -58,73 +76,63 @@ def test_who_comes_is_told_at_once_who_is_there(client: Client) -> None:
     assert client.newest("NAMED_VALUE_INT").value == 0
 
 
-def test_an_override_moves_and_silence_holds(
-    running: MemoryBoard, client: Client, stance: FloatArray
-) -> None:
-    moved = stance + 30
+def test_an_override_moves_and_silence_holds(client: BoardClient) -> None:
+    moved = client.stance + 30
     client.drive(moved, times=60)
     states = {frame.message.system_status for frame in client.heard if frame.kind == "HEARTBEAT"}
     assert mavlink_messages.ACTIVE in states
-    client.until(lambda: client.state() == mavlink_messages.CRITICAL)
-    assert shows(client, moved)
+    client.fall_silent()
+    assert client.shows(moved)
     assert client.outputs().active.all()
-    client.drive(stance, times=40)
-    client.until(lambda: shows(client, stance))
-    report = running.end()
+    client.drive(client.stance, times=40)
+    client.until(lambda: client.shows(client.stance))
+    report = client.board.end()
     assert report["expired"] >= 1
     assert (report["overrides"] + report["not_yet"], report["refused"], report["released"]) == (100, 0, 0)
     assert report["not_yet"] >= 2
 
 
-def test_overrides_that_come_late_all_together_move_nothing(
-    running: MemoryBoard, client: Client, stance: FloatArray
-) -> None:
+def test_overrides_that_come_late_all_together_move_nothing(client: BoardClient) -> None:
     """What a controller sent before it noticed that its link had begun to delay everything."""
-    client.drive(stance, times=20)
-    client.until(lambda: client.state() == mavlink_messages.CRITICAL)
+    client.drive(client.stance, times=20)
+    client.fall_silent()
     for _ in range(10):
-        client.say(mavlink_messages.override(stance + 30, 1, 1))
+        client.override(client.stance + 30)
     client.listen(0.1)
-    assert shows(client, stance)
-    assert running.end()["not_yet"] == 10
+    assert client.shows(client.stance)
+    assert client.board.end()["not_yet"] == 10
 
 
-def test_a_release_counts_at_once_after_a_silence(
-    running: MemoryBoard, client: Client, stance: FloatArray
-) -> None:
-    client.drive(stance)
-    client.until(lambda: client.state() == mavlink_messages.CRITICAL)
+def test_a_release_counts_at_once_after_a_silence(client: BoardClient) -> None:
+    client.drive(client.stance)
+    client.fall_silent()
     client.say(mavlink_messages.release(1, 1))
-    client.until(lambda: released(client))
-    assert running.end()["not_yet"] == 0
+    client.until(client.released)
+    assert client.board.end()["not_yet"] == 0
 
 
-def test_a_controller_that_shows_that_it_is_there_moves_at_once_after_a_silence(
-    running: MemoryBoard, client: Client, stance: FloatArray
-) -> None:
-    client.drive(stance)
-    client.until(lambda: client.state() == mavlink_messages.CRITICAL)
+def test_a_controller_that_shows_that_it_is_there_moves_at_once_after_a_silence(client: BoardClient) -> None:
+    client.drive(client.stance)
+    client.fall_silent()
     newest_ms = client.outputs().board_ms
     client.say(mavlink_messages.controller_heartbeat(board_ms=newest_ms - 5000))
-    client.say(mavlink_messages.override(stance + 20, 1, 1))
+    client.override(client.stance + 20)
     client.listen(0.1)
-    assert shows(client, stance)
+    assert client.shows(client.stance)
     client.say(mavlink_messages.controller_heartbeat(board_ms=client.outputs().board_ms))
-    client.say(mavlink_messages.override(stance + 20, 1, 1))
-    client.until(lambda: not shows(client, stance))
-    assert running.end()["not_yet"] == 1
+    client.override(client.stance + 20)
+    client.until(lambda: not client.shows(client.stance))
+    assert client.board.end()["not_yet"] == 1
 
 
-def test_what_a_controller_sent_long_ago_moves_nothing_although_it_was_forgotten(
-    running: MemoryBoard, client: Client, stance: FloatArray
-) -> None:
-    client.drive(stance)
+def test_what_a_controller_sent_long_ago_moves_nothing_although_it_was_forgotten(client: BoardClient) -> None:
+    client.drive(client.stance)
     client.listen(FORGET_AFTER_S + 0.2)
     for _ in range(5):
-        client.say(mavlink_messages.override(stance + 30, 1, 1))
+        client.override(client.stance + 30)
     client.listen(0.1)
-    assert not shows(client, stance + 30)
-    assert running.end()["not_yet"] == 5
+    assert not client.shows(client.stance + 30)
+    assert client.board.end()["not_yet"] == 5
 
 
 def test_a_stream_is_steady_once_it_has_come_for_long_enough_without_a_silence() -> None:
@@ -136,117 +144,96 @@ def test_a_stream_is_steady_once_it_has_come_for_long_enough_without_a_silence()
     assert steady == [False, False, False, True, False, False, True]
 
 
-def test_without_a_controller_the_servos_are_let_go(
-    running: MemoryBoard, client: Client, stance: FloatArray
-) -> None:
-    client.drive(stance)
-    with Client(running.port.peer("watcher"), system=254) as watcher:
+def test_without_a_controller_the_servos_are_let_go(client: BoardClient) -> None:
+    client.drive(client.stance)
+    with BoardClient(client.board, "watcher", system=254) as watcher:
         watcher.hail()
-        watcher.until(lambda: not released(watcher), hailing=True)
-        watcher.until(lambda: released(watcher), hailing=True)
-    assert running.end()["released"] == 1
+        watcher.until(lambda: not watcher.released(), hailing=True)
+        watcher.until(watcher.released, hailing=True)
+    assert client.board.end()["released"] == 1
 
 
-def released(client: Client) -> bool:
-    return not client.outputs().active.any()
-
-
-def test_heartbeats_of_who_commanded_keep_the_pose_held(
-    running: MemoryBoard, client: Client, stance: FloatArray
-) -> None:
-    client.drive(stance)
+def test_heartbeats_of_who_commanded_keep_the_pose_held(client: BoardClient) -> None:
+    client.drive(client.stance)
     for _ in range(25):
         client.hail()
         client.listen(0.1)
     assert client.outputs().active.all()
-    assert running.end()["released"] == 0
+    assert client.board.end()["released"] == 0
 
 
-def test_letting_go_on_command_and_driving_again(
-    running: MemoryBoard, client: Client, stance: FloatArray
-) -> None:
-    client.drive(stance)
+def test_letting_go_on_command_and_driving_again(client: BoardClient) -> None:
+    client.drive(client.stance)
     client.say(mavlink_messages.release(1, 1))
-    client.until(lambda: released(client))
-    client.drive(stance + 20, times=10)
-    client.until(lambda: shows(client, stance + 20))
-    assert running.end()["released"] == 1
+    client.until(client.released)
+    client.drive(client.stance + 20, times=10)
+    client.until(lambda: client.shows(client.stance + 20))
+    assert client.board.end()["released"] == 1
 
 
-@pytest.mark.parametrize("to", [(2, 1), (1, 2)], ids=["system", "component"])
-def test_what_is_for_others_moves_nothing(client: Client, stance: FloatArray, to: tuple[int, int]) -> None:
-    client.drive(stance + 100, to=to)
-    assert shows(client, stance)
-    assert released(client)
+def test_what_is_for_others_moves_nothing_and_target_0_is_a_broadcast(client: BoardClient) -> None:
+    for to in ((2, 1), (1, 2)):
+        client.drive(client.stance + 100, to=to)
+        assert client.shows(client.stance)
+        assert client.released()
+    client.drive(client.stance + 20, to=(0, 0))
+    client.until(lambda: client.shows(client.stance + 20))
 
 
-def test_target_0_is_a_broadcast(client: Client, stance: FloatArray) -> None:
-    client.drive(stance + 20, to=(0, 0))
-    client.until(lambda: shows(client, stance + 20))
-
-
-def test_a_void_override_moves_nothing_and_is_counted(
-    running: MemoryBoard, client: Client, stance: FloatArray
-) -> None:
+def test_a_void_override_moves_nothing_and_is_counted(client: BoardClient) -> None:
     client.drive([*[1500] * 17, 99])
-    assert shows(client, stance)
-    report = running.end()
+    assert client.shows(client.stance)
+    report = client.board.end()
     assert (report["refused"], report["overrides"]) == (5, 0)
 
 
-def test_losses_and_disorder_are_counted_and_old_overrides_not_obeyed(
-    running: MemoryBoard, client: Client, stance: FloatArray
-) -> None:
-    client.say(mavlink_messages.override(stance, 1, 1), sequence=10)
-    client.say(mavlink_messages.override(stance, 1, 1), sequence=14)
-    client.say(mavlink_messages.override(stance + 50, 1, 1), sequence=12)
-    client.say(mavlink_messages.override(stance, 1, 1), sequence=14)
-    client.say(mavlink_messages.override(stance, 1, 1), sequence=15)
+def test_losses_and_disorder_are_counted_and_old_overrides_not_obeyed(client: BoardClient) -> None:
+    client.override(client.stance, sequence=10)
+    client.override(client.stance, sequence=14)
+    client.override(client.stance + 50, sequence=12)
+    client.override(client.stance, sequence=14)
+    client.override(client.stance, sequence=15)
     client.listen(0.1)
-    assert shows(client, stance)
-    report = running.end()
+    assert client.shows(client.stance)
+    report = client.board.end()
     # 1..9 after the heartbeat's 0, then 11 and 13.
     assert (report["lost"], report["out_of_order"], report["overrides"]) == (11, 2, 3)
 
 
-def test_a_controller_that_vanished_is_replaced_after_a_while(
-    running: MemoryBoard, client: Client, stance: FloatArray
-) -> None:
-    client.drive(stance)
-    with Client(running.port.peer("second")) as second:
-        second.drive(stance + 20)
+def test_a_controller_that_vanished_is_replaced_after_a_while(client: BoardClient) -> None:
+    client.drive(client.stance)
+    with BoardClient(client.board, "second") as second:
+        second.drive(client.stance + 20)
         second.until(lambda: any(frame.kind == "STATUSTEXT" for frame in second.heard))
         assert mavlink_messages.name_of(second.newest("STATUSTEXT")) == "another controller holds the servos"
-        assert shows(second, stance)
-        second.until(lambda: driven(second, stance + 20))
+        assert second.shows(client.stance)
+
+        def obeyed() -> bool:
+            second.drive(client.stance + 20)
+            return second.shows(client.stance + 20)
+
+        second.until(obeyed)
 
 
-def driven(client: Client, pulses: FloatArray) -> bool:
-    client.drive(pulses)
-    return shows(client, pulses)
-
-
-def test_who_says_goodbye_makes_room_at_once(
-    running: MemoryBoard, client: Client, stance: FloatArray
-) -> None:
-    client.drive(stance)
+def test_who_says_goodbye_makes_room_at_once(client: BoardClient) -> None:
+    client.drive(client.stance)
     client.hail(mavlink_messages.POWEROFF)
-    with Client(running.port.peer("second")) as second:
-        second.drive(stance + 20)
-        second.until(lambda: shows(second, stance + 20))
-    assert running.end()["of_others"] == 0
+    with BoardClient(client.board, "second") as second:
+        second.drive(client.stance + 20)
+        second.until(lambda: second.shows(client.stance + 20))
+    assert client.board.end()["of_others"] == 0
 
 
-def test_a_board_with_a_key_obeys_signed_frames_only(tmp_path: Path, stance: FloatArray) -> None:
+def test_a_board_with_a_key_obeys_signed_frames_only(tmp_path: Path) -> None:
     key = bytes(range(32))
-    with memory_board(fitting_map(tmp_path), signing_key=key) as running:
-        unsigned = Client(running.port.peer("unsigned"))
-        unsigned.drive(stance + 50)
+    with memory_board(fitting_map(tmp_path), signing_key=key) as board:
+        unsigned = BoardClient(board, "unsigned")
+        unsigned.drive(unsigned.stance + 50)
         assert unsigned.heard == []
-        signed = Client(running.port.peer(), key=key)
-        signed.drive(stance + 20)
-        signed.until(lambda: shows(signed, stance + 20))
-        report = running.end()
+        signed = BoardClient(board, key=key)
+        signed.drive(signed.stance + 20)
+        signed.until(lambda: signed.shows(signed.stance + 20))
+        report = board.end()
     assert (report["malformed"], report["of_others"]) == (5, 0)
 
 
@@ -302,16 +289,14 @@ def test_overrides_drive_leave_and_release_channels(
     assert made.clipped == (overrides[:1] == ([100, 5000, *[1500] * 16],))
 
 
-@pytest.mark.parametrize(
-    ("channel", "pulse"), [(0, 1), (7, 99), (8, 5001), (17, 60_000), (17, 65533), (0, 65534), (7, 65534)]
-)
-def test_a_pulse_that_no_servo_has_makes_the_whole_override_void(channel: int, pulse: int) -> None:
+def test_a_pulse_that_no_servo_has_makes_the_whole_override_void() -> None:
     made = channels(ALL)
-    wild = [1700] * 18
-    wild[channel] = pulse
-    with pytest.raises(CommandRefusedError):
-        made.take(wild)
-    assert made.pulses_us.tolist() == ALL
+    for channel, pulse in ((0, 1), (7, 99), (8, 5001), (17, 60_000), (17, 65533), (0, 65534), (7, 65534)):
+        wild = [1700] * 18
+        wild[channel] = pulse
+        with pytest.raises(CommandRefusedError):
+            made.take(wild)
+        assert made.pulses_us.tolist() == ALL
 
 
 def test_only_an_override_that_leaves_no_channel_driven_is_a_release() -> None:
@@ -320,3 +305,88 @@ def test_only_an_override_that_leaves_no_channel_driven_is_a_release() -> None:
     assert not channels(ALL).released_by(IGNORE)
     assert not channels(ALL).released_by([0, *[65535] * 17])
     assert not channels().released_by(ALL)
+
+
+#: What QGroundControl and mavsdk ask a new system for, and the answer that ends their waiting.
+REQUESTS = {
+    "PARAM_REQUEST_LIST": (common.MAVLink_param_request_list_message(1, 1), "PARAM_VALUE"),
+    "PARAM_REQUEST_READ": (common.MAVLink_param_request_read_message(1, 1, PARAMETER, -1), "PARAM_VALUE"),
+    "by index": (common.MAVLink_param_request_read_message(1, 1, b"", 0), "PARAM_VALUE"),
+    "no index": (common.MAVLink_param_request_read_message(1, 1, b"", 7), "PARAM_ERROR"),
+    "no name": (common.MAVLink_param_request_read_message(1, 1, b"SYS_AUTOSTART", -1), "PARAM_ERROR"),
+    "no text": (common.MAVLink_param_request_read_message(1, 1, b"\xff\xfe", -1), "PARAM_ERROR"),
+    "PARAM_SET": (common.MAVLink_param_set_message(1, 1, PARAMETER, 99.0, 9), "PARAM_VALUE"),
+    "set none": (common.MAVLink_param_set_message(1, 1, b"SYS_AUTOSTART", 1.0, 9), "PARAM_ERROR"),
+    "MISSION_REQUEST_LIST": (common.MAVLink_mission_request_list_message(1, 1, 1), "MISSION_COUNT"),
+    "MISSION_COUNT": (common.MAVLink_mission_count_message(1, 1, 5, 0), "MISSION_ACK"),
+    "MISSION_REQUEST_INT": (common.MAVLink_mission_request_int_message(1, 1, 0, 0), "MISSION_ACK"),
+    "MISSION_REQUEST": (common.MAVLink_mission_request_message(1, 1, 0, 0), "MISSION_ACK"),
+    "MISSION_CLEAR_ALL": (common.MAVLink_mission_clear_all_message(1, 1, 0), "MISSION_ACK"),
+    "COMMAND_LONG": (common.MAVLink_command_long_message(1, 1, 400, 0, *[1.0] * 7), "COMMAND_ACK"),
+    "COMMAND_INT": (
+        common.MAVLink_command_int_message(1, 1, 0, 400, 0, 0, *[1.0] * 4, 1, 1, 1.0),
+        "COMMAND_ACK",
+    ),
+    "FILE_TRANSFER_PROTOCOL": (
+        common.MAVLink_file_transfer_protocol_message(
+            0, 1, 1, bytes([0xFF, 0xFF, 5, 3, 1, *[0] * 7, ord("/")]).ljust(251, b"\0")
+        ),
+        "FILE_TRANSFER_PROTOCOL",
+    ),
+}
+
+
+#: What answers say: the parameter never changes, and there are no missions and no files.
+SAID: dict[str, dict[str, Any]] = {
+    "PARAM_VALUE": {"param_id": "CHANNELS", "param_value": 18.0, "param_count": 1},
+    "PARAM_ERROR": {"error": common.MAV_PARAM_ERROR_DOES_NOT_EXIST},
+    "MISSION_COUNT": {"count": 0, "mission_type": 1},
+    "MISSION_ACK": {"type": common.MAV_MISSION_UNSUPPORTED},
+    "FILE_TRANSFER_PROTOCOL": {"payload": [0, 0, 5, 129, 1, 3, *[0] * 6, 7, *[0] * 238]},
+}
+
+
+def answered(request: Any) -> list[Any]:
+    """Answers to a request of system 255, component 190, each as it arrives there."""
+    station, board = Codec(255, 190), Codec(1, 1)
+    (asked,) = board.decode(station.encode(request, 0), whole=True)
+    sent = answers(asked.kind, asked.message, asked.system, asked.component)
+    return [station.decode(board.encode(message, 0), whole=True)[0].message for message in sent]
+
+
+@pytest.mark.parametrize("name", REQUESTS)
+def test_every_request_has_one_answer_for_who_asked_and_none_for_another_system(name: str) -> None:
+    request, kind = copy.copy(REQUESTS[name][0]), REQUESTS[name][1]
+    (answer,) = answered(request)
+    assert answer.get_type() == kind
+    assert answer.to_dict().items() >= SAID.get(kind, {}).items()
+    if kind != "PARAM_VALUE":
+        assert (answer.target_system, answer.target_component) == (255, 190)
+    request.target_system = 2
+    assert answered(request) == []
+
+
+@pytest.mark.parametrize("long", [True, False])
+def test_the_version_is_told_and_every_other_command_refused(long: bool) -> None:
+    def ask(command: int, parameter: float) -> list[Any]:
+        if long:
+            return answered(common.MAVLink_command_long_message(1, 1, command, 0, parameter, *[0.0] * 6))
+        rest = [parameter, 0.0, 0.0, 0.0, 0, 0, 0.0]
+        return answered(common.MAVLink_command_int_message(1, 1, 0, command, 0, 0, *rest))
+
+    for command, parameter in ((520, 1.0), (512, 148.0)):
+        told, version = ask(command, parameter)
+        assert told.result == common.MAV_RESULT_ACCEPTED
+        assert version.get_type() == "AUTOPILOT_VERSION"
+    for command, parameter in ((512, 30.0), (400, 1.0), (512, float("nan"))):
+        assert ask(command, parameter)[0].result == common.MAV_RESULT_UNSUPPORTED
+
+
+def test_other_messages_have_no_answer() -> None:
+    files = common.MAVLink_file_transfer_protocol_message(0, 1, 1, bytes([1, 0, 5, 129]).ljust(251, b"\0"))
+    for message in (
+        files,  # itself an answer
+        common.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3),
+        common.MAVLink_ping_message(1, 2, 1, 1),
+    ):
+        assert answered(message) == []

@@ -1,15 +1,28 @@
-"""Links, their files, page addresses, and whether something listens at an endpoint."""
+"""Links, their files, page addresses, whether something listens, and how a robot describes itself."""
 
 import socket
 import threading
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from hexctl.errors import InputError
+from hexctl.errors import InputError, MessageError, RobotFaultError
+from hexctl.types import JOINT_NAMES
 from hexctl.wire.connection_diagnosis import RefusalWatch, is_refused
-from hexctl.wire.links import KINDS, Endpoint, KeyMap, load_link
+from hexctl.wire.description import (
+    RobotIdentity,
+    check_may_command,
+    check_same_robot,
+    decode_json,
+    describe,
+    encode_json,
+    robot_of,
+)
+from hexctl.wire.links import DEFAULT_ENDPOINT, KINDS, Endpoint, KeyMap, Link, load_link
 from hexctl.wire.page_address import PageAddress
+from tests.robots import shipped
 from tests.server.processes import free_port
 
 
@@ -87,23 +100,19 @@ def test_a_file_that_is_none_is_refused_with_its_key(tmp_path: Path, content: st
         load_link(str(path))
 
 
-def test_a_page_address_that_is_none_is_refused() -> None:
+def test_a_page_address_has_a_port_and_by_default_this_computer() -> None:
+    for text, host, loopback in (
+        ("8017", "127.0.0.1", True),
+        ("localhost:1", "localhost", True),
+        ("[::1]:1", "::1", True),
+        ("0.0.0.0:1", "0.0.0.0", False),  # noqa: S104
+        ("robot.local:1", "robot.local", False),
+    ):
+        address = PageAddress.parse(text)
+        assert (address.host, address.loopback) == (host, loopback)
     for text in ("", ":", "host", "host:", "1.2.3.4:99999", "a:b"):
         with pytest.raises(InputError, match="page"):
             PageAddress.parse(text)
-
-
-@pytest.mark.parametrize(
-    ("text", "host", "loopback"),
-    [("8017", "127.0.0.1", True), ("localhost:1", "localhost", True), ("[::1]:1", "::1", True),
-     ("0.0.0.0:1", "0.0.0.0", False), ("robot.local:1", "robot.local", False)],  # noqa: S104
-)  # fmt: skip
-def test_addresses_are_parsed(text: str, host: str, loopback: bool) -> None:
-    address = PageAddress.parse(text)
-    assert (address.host, address.loopback) == (host, loopback)
-
-
-WAIT_S = 60.0
 
 
 @pytest.mark.parametrize(("protocol", "host"), [("tcp", "127.0.0.1"), ("tls", "localhost")])
@@ -118,26 +127,103 @@ def test_what_cannot_be_known_is_no_refusal() -> None:
     assert not is_refused(Endpoint("tcp", f"{'a' * 70}.local", free_port()))
 
 
-def test_a_refusal_is_told_once_while_the_block_runs() -> None:
-    told, came = list[str](), threading.Event()
+@pytest.mark.parametrize("answered", [False, True])
+def test_a_refusal_is_told_once_unless_the_robot_has_answered_otherwise(answered: bool) -> None:
+    endpoint, told, came = f"tcp/127.0.0.1:{free_port()}", list[str](), threading.Event()
 
     def tell(text: str) -> None:
         told.append(text)
         came.set()
 
-    port = free_port()
-    with RefusalWatch(f"tcp/127.0.0.1:{port}", tell):
-        assert came.wait(WAIT_S)
-    assert told == [f"nothing listens at tcp/127.0.0.1:{port}"]
+    def has_answered() -> bool:
+        if answered:
+            came.set()
+        return answered
+
+    with RefusalWatch(endpoint, tell, answered=has_answered):
+        assert came.wait(60)
+    assert told == [] if answered else [f"nothing listens at {endpoint}"]
 
 
-def test_nothing_is_told_of_a_robot_that_has_answered_otherwise() -> None:
-    asked, told = threading.Event(), list[str]()
+OURS = RobotIdentity.of_this_process("ant", "sim")
+NEIGHBOURS = replace(OURS, user="mallory")
 
-    def answered() -> bool:
-        asked.set()
-        return True
 
-    with RefusalWatch(f"tcp/127.0.0.1:{free_port()}", told.append, answered=answered):
-        assert asked.wait(WAIT_S)
-    assert told == []
+@pytest.mark.parametrize("other", [NEIGHBOURS, replace(OURS, host="elsewhere")])
+def test_a_robot_of_another_user_or_computer_is_not_commanded_by_default(other: RobotIdentity) -> None:
+    by_default = load_link()
+    with pytest.raises(InputError, match=f"{other.user} on {other.host}"):
+        check_may_command(other, by_default)
+    check_may_command(OURS, by_default)
+    for named in (load_link(connect=DEFAULT_ENDPOINT), load_link("loopback"), Link()):
+        check_may_command(other, named)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        {"robot": "ant", "backend": "sim"},
+        {"robot": "ant", "backend": "sim", "host": 5, "user": ["x"], "pid": "1"},
+        {"robot": "ant", "backend": "sim", "host": "a\nb", "user": "", "pid": None},
+    ],
+    ids=["nothing", "wrong types", "unprintable"],
+)
+def test_a_robot_that_does_not_say_who_started_it_is_commanded_only_by_name(said: dict[str, object]) -> None:
+    identity = RobotIdentity.of_answer(said)
+    assert str(identity) == "ant (sim), started by ? on ?"
+    with pytest.raises(InputError, match="connect tcp/127"):
+        check_may_command(identity, load_link())
+    check_may_command(identity, load_link("loopback"))
+
+
+@pytest.mark.parametrize("name", ["ant", "phantomx"])
+def test_a_robot_recognises_its_own_description(name: str) -> None:
+    answer = decode_json(encode_json(describe(shipped(name))))
+    check_same_robot(answer, shipped(name))
+    check_same_robot(answer, robot_of(answer))
+
+
+def test_another_robot_is_refused_with_the_place_where_it_differs() -> None:
+    answer = describe(shipped())
+    answer["robot"]["mount_positions_body"][2][1] += 0.001
+    with pytest.raises(RobotFaultError, match=r"mount_positions_body\[2\]\[1\] is .* there and .* here"):
+        check_same_robot(answer, shipped())
+
+
+def test_another_protocol_or_other_joints_are_refused() -> None:
+    with pytest.raises(RobotFaultError, match="protocol 2"):
+        check_same_robot({**describe(shipped()), "protocol": 2}, shipped())
+    with pytest.raises(RobotFaultError, match="other joints"):
+        check_same_robot({**describe(shipped()), "joints": list(JOINT_NAMES[::-1])}, shipped())
+    with pytest.raises(RobotFaultError):
+        check_same_robot({}, shipped())
+
+
+@pytest.mark.parametrize("payload", [b"", b"{", b"[]", b"1", b"\xff", b"[" * 60_000, b"x" * 70_000])
+def test_what_is_no_json_object_is_refused(payload: bytes) -> None:
+    with pytest.raises(MessageError, match="JSON: got"):
+        decode_json(payload)
+
+
+@pytest.mark.parametrize("spoil", [{}, {"protocol": 1, "robot": {"name": "x"}}, {"protocol": 1, "robot": 5}])
+def test_a_description_of_no_robot_is_refused(spoil: dict[str, object]) -> None:
+    with pytest.raises(RobotFaultError, match="describes itself"):
+        robot_of(spoil)
+
+
+def test_a_robot_with_masses_and_friction_of_its_own_arrives_whole() -> None:
+    body = replace(shipped().body, com_m=(0.01, 0.0, 0.02), inertia_kg_m2=(1e-4, 1e-4, 1.5e-4))
+    robot = replace(
+        shipped(),
+        body=body,
+        joint_dry_friction_nm=np.full(18, 0.1),
+        joint_no_load_speed_rad_s=np.full(18, 7.0),
+        joint_stiffness_nm_per_rad=np.arange(1.0, 19.0),
+        link_coms_m=np.full((3, 2), 0.01),
+    )
+    answer = decode_json(encode_json(describe(robot)))
+    assert robot_of(answer) == robot
+    assert robot_of(answer).fingerprint == robot.fingerprint
+    check_same_robot(answer, robot)
+    with pytest.raises(RobotFaultError, match=r"another one: body\.com_m"):
+        check_same_robot(answer, replace(robot, body=shipped().body))

@@ -1,4 +1,4 @@
-"""Commands, states and tags on the wire: byte-exact, complete, and nothing else."""
+"""Commands, states, poses and tags on the wire: byte-exact, complete, and nothing else."""
 
 import struct
 import subprocess
@@ -13,8 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexctl.errors import MessageError
-from hexctl.types import JOINT_NAMES, RobotState
+from hexctl.types import JOINT_NAMES, FloatArray, RobotState
 from hexctl.wire import MAX_PAYLOAD_BYTES, ros_cdr
+from hexctl.wire.pose import decode_orientation, decode_pose, encode_pose, odometry
+from hexctl.wire.ros.telemetry import imu
 from hexctl.wire.zenoh_messages import (
     CommandTag,
     StateTag,
@@ -26,6 +28,7 @@ from hexctl.wire.zenoh_messages import (
     encode_positions,
     tag_of,
 )
+from tests.wire.ros.decoding import decoded
 
 COMMAND = CommandTag(
     sequence=7, stamp_ns=1_500_000_000, time_to_live_ms=200, lease_id=bytes(range(16)), lease_sequence=3
@@ -244,3 +247,111 @@ messages.decode_pose(messages.encode_pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 
 assert "rosbags" in before and set(sys.modules) == before, set(sys.modules) - before
 """
     subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
+
+
+POSITION, QUATERNION = np.array([1.0, -2.0, 0.5]), np.array([0.6, 0.0, 0.0, 0.8])
+
+
+def test_a_pose_or_half_of_one_comes_back_as_it_was() -> None:
+    for sent in ((POSITION, QUATERNION), (POSITION, None), (None, QUATERNION), (None, None)):
+        for back, half in zip(decode_pose(encode_pose(*sent)), sent, strict=True):
+            assert back is None if half is None else back is not None and np.allclose(back, half, atol=1e-15)
+
+
+def test_what_is_not_measured_of_a_pose_has_a_large_variance_for_ros_tools() -> None:
+    pose = ros_cdr.decode(ros_cdr.ODOMETRY, encode_pose(POSITION, None)).pose
+    assert np.diag(np.reshape(pose.covariance, (6, 6))).tolist() == [0, 0, 0, 1e6, 1e6, 1e6]
+    turned = pose.pose.orientation
+    assert (turned.w, turned.x, turned.y, turned.z) == (1, 0, 0, 0)
+    pose = ros_cdr.decode(ros_cdr.ODOMETRY, encode_pose(None, QUATERNION)).pose
+    assert np.diag(np.reshape(pose.covariance, (6, 6))).tolist() == [1e6, 1e6, 1e6, 0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("position", "quaternion"),
+    [
+        ([np.nan, 0, 0], [1, 0, 0, 0]),
+        ([0, np.inf, 0], [1, 0, 0, 0]),
+        ([0, 0, 0], [np.nan, 0, 0, 0]),
+        ([0, 0, 0], [0, 0, 0, 0]),
+        ([0, 0, 0], [3, 0, 0, 0]),
+    ],
+)
+def test_a_pose_that_is_none_is_refused(position: list[float], quaternion: list[float]) -> None:
+    with pytest.raises(MessageError, match="pose"):
+        decode_pose(encode_pose(np.array(position, float), np.array(quaternion, float)))
+
+
+@pytest.mark.parametrize(
+    ("unknown", "position", "quaternion", "known"),
+    [
+        ((14, 21, 28), POSITION, QUATERNION, (True, True)),
+        ((0,), POSITION, QUATERNION, (False, True)),
+        ((7,), POSITION, QUATERNION, (False, True)),
+        ((35,), POSITION, QUATERNION, (True, False)),
+        ((35,), POSITION, np.zeros(4), (True, False)),
+        ((0, 7), np.full(3, np.nan), QUATERNION, (False, True)),
+    ],
+    ids=["planar odometry", "no x", "no y", "no yaw", "no yaw nor a number", "no plane nor a number"],
+)
+def test_a_half_without_a_coordinate_of_the_plane_is_not_measured_and_may_hold_anything(
+    unknown: tuple[int, ...], position: FloatArray, quaternion: FloatArray, known: tuple[bool, bool]
+) -> None:
+    message = ros_cdr.decode(ros_cdr.ODOMETRY, encode_pose(position, quaternion))
+    covariance = np.array(message.pose.covariance)
+    covariance[[*unknown]] = 1e6
+    message.pose.covariance = covariance
+    back = decode_pose(ros_cdr.encode(message))
+    assert tuple(half is not None for half in back) == known
+    for half, sent in zip(back, (position, quaternion), strict=True):
+        assert half is None or np.allclose(half, sent, atol=1e-15)
+
+
+def test_a_camera_says_how_sure_it_is_and_that_it_sees_no_tilt() -> None:
+    sent = encode_pose(POSITION, QUATERNION, position_variance_m2=4e-6, yaw_variance_rad2=1e-4, stamp_ns=5)
+    message = ros_cdr.decode(ros_cdr.ODOMETRY, sent)
+    variances = np.diag(np.reshape(message.pose.covariance, (6, 6))).tolist()
+    assert variances == [4e-6, 4e-6, 4e-6, 1e6, 1e6, 1e-4]
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (0, 5)
+    position, quaternion = decode_pose(sent)
+    np.testing.assert_array_equal(position, POSITION)
+    assert quaternion is not None
+
+
+def test_odometry() -> None:
+    numbers = np.linspace(0.5, 84.5, 85)
+    payload = odometry().encode(1_700_000_001_000_000_002, numbers)
+    message = decoded(ros_cdr.ODOMETRY, payload)
+    assert (message.header.frame_id, message.child_frame_id) == ("odom", "base_link")
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1_700_000_001, 2)
+    place, turned = message.pose.pose.position, message.pose.pose.orientation
+    assert [place.x, place.y, place.z, turned.x, turned.y, turned.z, turned.w] == numbers[:7].tolist()
+    linear, angular = message.twist.twist.linear, message.twist.twist.angular
+    assert [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z] == numbers[7:13].tolist()
+    assert list(message.pose.covariance) == numbers[13:49].tolist()
+    assert list(message.twist.covariance) == numbers[49:].tolist()
+    np.testing.assert_array_equal(odometry().decode(payload), numbers)
+    assert odometry().decode(payload.replace(b"base_link", b"base_lynk")) is None
+    assert odometry().decode(payload[:-1]) is None
+
+
+#: As ROS orders it: x, y, z, w.
+TURNED = np.array([0.1, -0.2, 0.3, np.sqrt(1 - 0.14)])
+
+
+def test_an_orientation_comes_back_as_it_was_and_an_imu_without_one_has_none() -> None:
+    turned = decode_orientation(imu().encode(1, TURNED))
+    assert turned is not None
+    np.testing.assert_allclose(turned, [TURNED[3], *TURNED[:3]], atol=1e-15)
+    message = ros_cdr.decode(ros_cdr.IMU, imu().encode(1, np.zeros(4)))
+    message.orientation_covariance = np.array([-1.0] + 8 * [0.0])
+    assert decode_orientation(ros_cdr.encode(message)) is None
+
+
+def test_what_is_no_orientation_is_refused() -> None:
+    numbers = ([0, 0, 0, 0], [np.nan, 0, 0, 1], [0, 0, 0, 2], [np.inf, 0, 0, 0])
+    payloads = [imu().encode(1, np.array(each, float)) for each in numbers]
+    cut_off = imu().encode(1, TURNED)[:200]
+    for payload in (*payloads, b"", b"\0\1\0\0", bytes(50), cut_off, bytes(70_000)):
+        with pytest.raises(MessageError):
+            decode_orientation(payload)

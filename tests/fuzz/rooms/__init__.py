@@ -1,28 +1,16 @@
-"""The modules with targets, and what of the programs that they attack is watched for coverage."""
+"""The modules with targets."""
 
 from importlib import import_module
 
 from tests.fuzz.target import Target
 
-#: Packages whose branches are watched, by the module with the targets.
-ROOMS: dict[str, tuple[str, ...]] = {
-    "text": ("hexctl",),
-    "wire": ("hexctl", "rosbags"),
-    "served": ("hexctl",),
-    "bus": ("hexctl",),
-    "boards": ("hexctl",),
-    "mavlink": ("hexctl",),
-    "documents": ("hexctl", "yaml"),
-    "models": ("hexctl",),
-    "stores": ("hexctl",),
-    "teleop": ("hexctl",),
-}
+ROOMS = ("text", "wire", "served", "servos", "mavlink", "documents", "models", "stores", "teleop")
 
 
 def targets_of(room: str) -> tuple[Target, ...]:
     """Targets of a module of this package."""
-    found: tuple[Target, ...] = import_module(f"tests.fuzz.rooms.{room}").TARGETS
-    return found
+    content = vars(import_module(f"tests.fuzz.rooms.{room}")).values()
+    return tuple(each for each in content if isinstance(each, Target))
 
 
 def all_targets() -> tuple[Target, ...]:

@@ -1,7 +1,8 @@
 """Targets on a MAVLink port: bytes, frames with good checksums, and what both ends make of messages."""
 
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,7 @@ from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.board_messages import ANSWERS, answers, for_us
 from hexctl.simulators.servo_board import Channels, Peers, ServoBoard
 from hexctl.types import N_JOINTS
-from tests.fuzz.folder import written
-from tests.fuzz.target import Target
+from tests.fuzz.target import BINARY_NUMBERS, target, written
 from tests.robots import shipped
 
 MAP = servo_map_of(ServosSection())
@@ -61,7 +61,43 @@ class NoPort(Port):
         """Nothing."""
 
 
-def _bytes(data: bytes) -> None:
+def _frames(*sent: Any) -> bytes:
+    """Messages as `_framed` reads them."""
+    codec, whole = Codec(1, 1), b""
+    for message in sent:
+        frame = codec.encode(message, 0)
+        whole += bytes([READ.index(message.get_type()), frame[1]]) + frame[10 : 10 + frame[1]]
+    return whole
+
+
+BEAT = mavlink_messages.heartbeat(0, 8, 4)
+OUTPUTS = common.MAVLink_actuator_output_status_message(0, (1 << 18) - 1, [1500.0] * 32)
+OVERRIDE = mavlink_messages.override(np.full(N_JOINTS, 1500.0), 1, 1)
+TEXT = common.MAVLink_statustext_message(2, b"hot")
+SAID = (
+    _frames(BEAT, OUTPUTS, common.MAVLink_attitude_message(0, 0.1, 0.2, 0.3, 0, 0, 0)),
+    _frames(BEAT, common.MAVLink_attitude_quaternion_message(0, 1.0, 0, 0, 0, 0, 0, 0), TEXT),
+    _frames(BEAT, common.MAVLink_local_position_ned_message(0, 1, 2, 3, 0, 0, 0)),
+    _frames(
+        BEAT,
+        common.MAVLink_named_value_int_message(0, b"measured", 1),
+        common.MAVLink_battery_status_message(0, 0, 0, 0, [4000] * 10, 0, 0, 0, 50),
+    ),
+)
+ASKED = (
+    _frames(BEAT, OVERRIDE, common.MAVLink_ping_message(0, 1, 0, 0)),
+    _frames(BEAT, common.MAVLink_param_request_read_message(1, 1, b"CHANNELS", -1)),
+    _frames(BEAT, common.MAVLink_command_long_message(1, 1, 512, 0, 148, 0, 0, 0, 0, 0, 0)),
+)
+
+
+@target(
+    Codec(1, 1).encode(BEAT, 5),
+    Codec(1, 1).encode(OVERRIDE, 5),
+    Codec(1, 1, signing_key=KEY).encode(BEAT, 5),
+    words=(b"\xfd", b"\xfd\x09\0\0\5\1\1\0\0\0"),
+)
+def read_mavlink_bytes(data: bytes) -> None:
     """Decode a datagram, a stream in two parts, and both with a key."""
     for key in (None, KEY):
         codec = Codec(255, 191, signing_key=key)
@@ -94,7 +130,8 @@ def _servos() -> MavlinkServos:
     return MavlinkServos(shipped(), servo_map=MAP, port="udpout:127.0.0.1:14550")
 
 
-def _receiver(data: bytes) -> None:
+@target(*SAID, words=BINARY_NUMBERS)
+def read_mavlink_client(data: bytes) -> None:
     """Give frames to the controller's end, and put a state together."""
     receiver = Receiver(MavlinkLink(NoPort(), Codec(255, 191)), LinkCounters())
     for frame in _framed(data):
@@ -118,7 +155,8 @@ def _board() -> ServoBoard:
     return board
 
 
-def _at_board(data: bytes) -> None:
+@target(*ASKED, words=BINARY_NUMBERS)
+def read_mavlink_board(data: bytes) -> None:
     """Give frames to a servo board."""
     board = _board()
     board._peers = Peers()
@@ -134,56 +172,8 @@ def _at_board(data: bytes) -> None:
         assert ((channels.pulses_us >= 100) & (channels.pulses_us <= 5000)).all()
 
 
-def _key(data: bytes) -> None:
-    with written("mavlink.key", data) as path:
-        key = read_signing_key(path.parent)
-        assert key is not None
-        assert len(key) == 32
-
-
-def _frames(*sent: Any) -> bytes:
-    """Messages as `_framed` reads them."""
-    codec, whole = Codec(1, 1), b""
-    for message in sent:
-        frame = codec.encode(message, 0)
-        whole += bytes([READ.index(message.get_type()), frame[1]]) + frame[10 : 10 + frame[1]]
-    return whole
-
-
-BEAT = mavlink_messages.heartbeat(0, 8, 4)
-OUTPUTS = common.MAVLink_actuator_output_status_message(0, (1 << 18) - 1, [1500.0] * 32)
-OVERRIDE = mavlink_messages.override(np.full(N_JOINTS, 1500.0), 1, 1)
-TEXT = common.MAVLink_statustext_message(2, b"hot")
-SAID = (
-    _frames(BEAT, OUTPUTS, common.MAVLink_attitude_message(0, 0.1, 0.2, 0.3, 0, 0, 0)),
-    _frames(BEAT, common.MAVLink_attitude_quaternion_message(0, 1.0, 0, 0, 0, 0, 0, 0), TEXT),
-    _frames(BEAT, common.MAVLink_local_position_ned_message(0, 1, 2, 3, 0, 0, 0)),
-    _frames(
-        BEAT,
-        common.MAVLink_named_value_int_message(0, b"measured", 1),
-        common.MAVLink_battery_status_message(0, 0, 0, 0, [4000] * 10, 0, 0, 0, 50),
-    ),
-)
-ASKED = (
-    _frames(BEAT, OVERRIDE, common.MAVLink_ping_message(0, 1, 0, 0)),
-    _frames(BEAT, common.MAVLink_param_request_read_message(1, 1, b"CHANNELS", -1)),
-    _frames(BEAT, common.MAVLink_command_long_message(1, 1, 512, 0, 148, 0, 0, 0, 0, 0, 0)),
-)
-NUMBERS = (b"\xff\xff\xff\xff", b"\0\0\xc0\x7f", b"\0\0\x80\x7f", b"\xff\xff", b"\xfe\xff")
-
-TARGETS = (
-    Target(
-        name="mavlink-bytes",
-        read=_bytes,
-        seeds=(
-            Codec(1, 1).encode(BEAT, 5),
-            Codec(1, 1).encode(OVERRIDE, 5),
-            Codec(1, 1, signing_key=KEY).encode(BEAT, 5),
-        ),
-        words=(b"\xfd", b"\xfd\x09\0\0\5\1\1\0\0\0"),
-        most_bytes=400,
-    ),
-    Target(name="mavlink-client", read=_receiver, seeds=SAID, words=NUMBERS, most_bytes=700),
-    Target(name="mavlink-board", read=_at_board, seeds=ASKED, words=NUMBERS, most_bytes=500),
-    Target(name="mavlink-key", read=_key, seeds=(KEY, KEY.hex().encode(), b""), most_bytes=80),
-)
+@target(KEY, KEY.hex().encode(), b"", given=partial(written, "mavlink.key"))
+def read_mavlink_key(path: Path) -> None:
+    key = read_signing_key(path.parent)
+    assert key is not None
+    assert len(key) == 32

@@ -1,7 +1,7 @@
 """Targets of a served robot and of its clients: whole messages in JSON, requests, answers and states."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import cache
 from types import SimpleNamespace
@@ -38,40 +38,12 @@ from hexctl.wire.links import CLEAR_COMMAND, KeyMap, Link
 from hexctl.wire.pose import encode_pose
 from hexctl.wire.zenoh_messages import CommandTag, encode_battery, encode_positions
 from tests.control.posed import PosedMock
-from tests.fuzz.target import Target
+from tests.fuzz.target import JSON_WORDS, as_text, target
 from tests.robots import shipped
+from tests.server.bench import Item
 from tests.wire.test_zenoh_messages import COMMAND_BYTES, STATE_BYTES
 
-NUMBERS = (
-    b"NaN",
-    b"Infinity",
-    b"1e400",
-    b"9" * 400,
-    b"-1",
-    b"null",
-    b"true",
-    b"[]",
-    b"{}",
-    b'""',
-    b'"\\ud800"',
-)
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
-
-
-class Item:
-    """A sample or a query as Zenoh gives them."""
-
-    key_expr = "hexctl/ant/key"
-
-    def __init__(self, payload: bytes, attachment: bytes | None = None) -> None:
-        self.payload, self.attachment = payload, attachment
-
-    def reply(self, key: str, payload: bytes) -> None:
-        """Check that the answer is JSON that a client reads."""
-        decode_json(payload)
-
-    def drop(self) -> None:
-        """Nothing."""
 
 
 @cache
@@ -81,131 +53,6 @@ def _server() -> RobotServer:
     servos.connect()
     servos.clock.tick()
     return server
-
-
-KINDS = ("command", "pose", "lease", "failure", "estop", "describe")
-
-
-def _served(data: bytes) -> None:
-    """Give a message to one key of a server: the first byte says which, the second where it ends."""
-    if len(data) < 2:
-        return
-    kind, middle, rest = KINDS[data[0] % len(KINDS)], data[1], data[2:]
-    item: Any = Item(rest[middle:], rest[:middle] or None)
-    server = _server()
-    server._admits_command(item.attachment)
-    server._handle(Arrival(kind, item, 0.0))
-    if data[0] & 0x40:
-        json.dumps(server.status(), allow_nan=False)
-
-
-def _requests(data: bytes) -> None:
-    """Give lines of requests to a robot of their own, one after another."""
-    servos = MockServos(shipped())
-    with Guard(servos) as guard:
-        handler = RequestHandler(guard, LeaseManager(), StopLatch(guard))
-        guard.clock.now_s  # noqa: B018  the clock has begun
-        for number, line in enumerate(data.split(b"\n")[:8]):
-            what, payload = line[:1], line[1:]
-            handle = {b"l": handler.lease, b"f": handler.failure}.get(what, handler.estop)
-            answer = handle(payload, float(number))
-            encode_json(answer)
-            if what == b"u":
-                handler.urgent(payload)
-
-
-def _stop_socket(data: bytes) -> None:
-    """Let a robot answer datagrams without certificates, of 160 bytes each."""
-    socket = _stop_answers()
-    for start in range(0, len(data), 160):
-        answer = socket.answer(data[start : start + 160])
-        assert answer is None or len(answer) == 160
-
-
-@cache
-def _stop_answers() -> StopSocket:
-    return StopSocket(Link(), "ant", StopLatch(Guard(MockServos(shipped()))), lambda: True)
-
-
-def _json(data: bytes) -> None:
-    content = decode_json(data)
-    str(RobotIdentity.of_answer(content))
-
-
-def _description(data: bytes) -> None:
-    content = decode_json(data)
-    with suppress(RobotFaultError):
-        check_same_robot(content, shipped())
-    assert robot_of(content).name is not None
-
-
-def _status(data: bytes) -> None:
-    status_rows(decode_json(data), CLEAR_COMMAND)
-
-
-class Answers:
-    """A session in which every query gets the lines of an input as answers."""
-
-    def __init__(self, data: bytes) -> None:
-        self._lines = data.split(b"\n")[:3]
-
-    def get(self, key: str, **about: object) -> list[Any]:
-        """The answers."""
-        return [SimpleNamespace(ok=SimpleNamespace(payload=line)) for line in self._lines]
-
-
-def _answers(data: bytes) -> None:
-    """Ask robots on a link for everything, and make of their answers what a client does."""
-    session: Any = Answers(data)
-    for answer in ask(session, "key"):
-        with suppress(RobotFaultError):
-            lease_id, sequence, duration_s = granted(answer)
-            assert 0 < duration_s < 1000
-            CommandTag(
-                sequence=1, stamp_ns=0, time_to_live_ms=1, lease_id=lease_id, lease_sequence=sequence
-            ).packed()
-    robots = RemoteRobots(session, Link())
-    for status in robots.statuses():
-        str(RobotIdentity.of_answer(status))
-    # Clients wait for answers, and for a stop that may not be cleared yet; inputs do not.
-    with patch.multiple(
-        remote, HOLD_S=0.0, MOST_OTHERS_HOLD_S=0.0, MOST_UNCLAIMED_HOLD_S=0.0, ANSWER_TIMEOUT_S=0.0
-    ):
-        uses: tuple[Callable[[], object], ...] = (
-            lambda: robots.stop("mine"),
-            robots.clear,
-            lambda: robots.fail("5:limp"),
-            lambda: robots.heal(5),
-        )
-        for use in uses:
-            with suppress(HexctlError):
-                use()
-
-
-def _state(data: bytes) -> None:
-    """Put a state together from messages, each preceded by its size: joints, pose, battery and status."""
-    latest = LatestValues()
-    for kind in ("joint_states", "odom", "battery", "status"):
-        size, data = int.from_bytes(data[:2], "little"), data[2:]
-        tag_size, data = data[:1], data[1:]
-        tag, data = data[: sum(tag_size)], data[sum(tag_size) :]
-        latest.put(kind, Item(data[:size], tag))
-        data = data[size:]
-    subscriber = StateSubscriber(KeyMap.of("ant"), latest)
-    _ = subscriber.failures
-    state = subscriber.newest(1.0)
-    assert state.joint_positions_rad.shape == (N_JOINTS,)
-
-
-def _packed(*messages: tuple[bytes, bytes]) -> bytes:
-    return b"".join(
-        len(payload).to_bytes(2, "little") + bytes([len(tag)]) + tag + payload for payload, tag in messages
-    )
-
-
-def _robot_json(data: bytes) -> None:
-    robot = robot_from_json(data.decode("utf-8", "surrogateescape"))
-    assert robot_to_json(robot_from_json(robot_to_json(robot))) == robot_to_json(robot)
 
 
 def _readings() -> dict[str, Any]:
@@ -251,100 +98,183 @@ def _seed(content: object) -> bytes:
     return json.dumps(content).encode()
 
 
-def _worded(keys: Callable[[], object]) -> tuple[bytes, ...]:
-    return (*NUMBERS, *(f'"{key}":'.encode() for key in keys()))  # type: ignore[attr-defined]
+def _keys(content: Iterable[str]) -> tuple[bytes, ...]:
+    """Words of JSON and the keys of a message."""
+    return (*JSON_WORDS, *(f'"{key}":'.encode() for key in content))
 
 
-TARGETS = (
-    Target(
-        name="served",
-        read=_served,
-        seeds=(
-            bytes([0, len(COMMAND_BYTES)]) + COMMAND_BYTES + encode_positions(np.zeros(N_JOINTS), 1),
-            b"\1\0" + encode_pose(np.zeros(3), UPRIGHT, stamp_ns=1),
-            b'\2\0{"op": "acquire", "owner": "mallory"}',
-            b'\3\0{"op": "fail", "failure": "5:limp"}',
-            b'\4\0{"op": "clear", "id": "0011223344556677"}',
-            b"E\0",
-        ),
-        words=(*NUMBERS, b'"op"', b'"renew"', b'"lease"', b'"release"', b'"heal"', b'"leg"', b'"stop"'),
-        most_bytes=1000,
-    ),
-    Target(
-        name="requests",
-        read=_requests,
-        seeds=(
-            b'l{"op": "acquire", "owner": "bob"}\nl{"op": "renew", "lease": "00"}\ne{"op": "clear"}',
-            b'f{"op": "fail", "failure": "5:limp"}\nf{"op": "heal", "leg": 5}\ne\nu{"op": "stop"}',
-        ),
-        words=(*NUMBERS, b'"op"', b'"request"', b'"id"', b'"rest"', b'"release"'),
-        most_bytes=600,
-    ),
-    Target(name="stop-socket", read=_stop_socket, seeds=(bytes(160),), most_bytes=480),
-    Target(
-        name="json",
-        read=_json,
-        seeds=(
-            b"{}",
-            _seed({"robot": "ant", "pid": 5, "host": "a", "user": "b"}),
-            b'{"a": [1, {"b": null}]}',
-        ),
-        words=(*NUMBERS, b"[" * 50, b'{"a":' * 20),
-        most_bytes=1000,
-    ),
-    Target(
-        name="description",
-        read=_description,
-        seeds=(_seed(describe(shipped())),),
-        words=_worded(lambda: describe(shipped())["robot"]),
-        most_bytes=8000,
-    ),
-    Target(
-        name="status",
-        read=_status,
-        seeds=(_seed(STATUS), b"{}"),
-        words=_worded(lambda: STATUS),
-        most_bytes=3000,
-    ),
-    Target(
-        name="answers",
-        read=_answers,
-        seeds=(
-            _seed({"lease": "00" * 16, "sequence": 5, "duration_s": 1.0})
-            + b"\n"
-            + _seed({"error": "held by bob"}),
-            _seed({"status": {**STATUS, "stop": {"id": "00", "clear_in_s": 0.0}}, "stopped": "estop"}),
-            _seed({"status": {"simulated": {}}, "failures": []}),
-        ),
-        words=(*NUMBERS, b'"lease":', b'"sequence":', b'"duration_s":', b'"clear_in_s":', b'"status":'),
-        most_bytes=2500,
-    ),
-    Target(
-        name="robot-state",
-        read=_state,
-        seeds=(
-            _packed(
-                (encode_positions(np.zeros(N_JOINTS), 1), STATE_BYTES),
-                (encode_pose(np.zeros(3), UPRIGHT, stamp_ns=1), b""),
-                (encode_battery(11.1, 0.5), b""),
-                (_seed(STATUS), b""),
-            ),
-            _packed(
-                (encode_positions(np.zeros(N_JOINTS), 1), STATE_BYTES),
-                (b"", b""),
-                (b"", b""),
-                (_seed({"failures": ["5:limp"], "warnings": [1], "servos": {}}), b""),
-            ),
-        ),
-        words=(*NUMBERS, b'"failures":', b'"servos":', b'"warnings":'),
-        most_bytes=4000,
-    ),
-    Target(
-        name="robot-json",
-        read=_robot_json,
-        seeds=(robot_to_json(shipped()).encode(), robot_to_json(shipped("pexod")).encode()),
-        words=NUMBERS,
-        refusals=(HexctlError,),
-        most_bytes=8000,
-    ),
+KINDS = ("command", "pose", "lease", "failure", "estop", "describe")
+
+
+@target(
+    bytes([0, len(COMMAND_BYTES)]) + COMMAND_BYTES + encode_positions(np.zeros(N_JOINTS), 1),
+    b"\1\0" + encode_pose(np.zeros(3), UPRIGHT, stamp_ns=1),
+    b'\2\0{"op": "acquire", "owner": "mallory"}',
+    b'\3\0{"op": "fail", "failure": "5:limp"}',
+    b'\4\0{"op": "clear", "id": "0011223344556677"}',
+    b"E\0",
+    words=(*JSON_WORDS, b'"op"', b'"renew"', b'"lease"', b'"release"', b'"heal"', b'"leg"', b'"stop"'),
 )
+def read_served(data: bytes) -> None:
+    """Give a message to one key of a server: the first byte says which, the second where it ends."""
+    if len(data) < 2:
+        return
+    kind, middle, rest = KINDS[data[0] % len(KINDS)], data[1], data[2:]
+    item: Any = Item(rest[middle:], rest[:middle] or None)
+    server = _server()
+    server._admits_command(item.attachment)
+    server._handle(Arrival(kind, item, 0.0))
+    for answer in item.answers:
+        decode_json(answer)
+    if data[0] & 0x40:
+        json.dumps(server.status(), allow_nan=False)
+
+
+@target(
+    b'l{"op": "acquire", "owner": "bob"}\nl{"op": "renew", "lease": "00"}\ne{"op": "clear"}',
+    b'f{"op": "fail", "failure": "5:limp"}\nf{"op": "heal", "leg": 5}\ne\nu{"op": "stop"}',
+    words=(*JSON_WORDS, b'"op"', b'"request"', b'"id"', b'"rest"', b'"release"'),
+)
+def read_requests(data: bytes) -> None:
+    """Give lines of requests to a robot of their own, one after another."""
+    servos = MockServos(shipped())
+    with Guard(servos) as guard:
+        handler = RequestHandler(guard, LeaseManager(), StopLatch(guard))
+        guard.clock.now_s  # noqa: B018  the clock has begun
+        for number, line in enumerate(data.split(b"\n")[:8]):
+            what, payload = line[:1], line[1:]
+            handle = {b"l": handler.lease, b"f": handler.failure}.get(what, handler.estop)
+            answer = handle(payload, float(number))
+            encode_json(answer)
+            if what == b"u":
+                handler.urgent(payload)
+
+
+@cache
+def _stop_answers() -> StopSocket:
+    return StopSocket(Link(), "ant", StopLatch(Guard(MockServos(shipped()))), lambda: True)
+
+
+@target(bytes(160))
+def read_stop_socket(data: bytes) -> None:
+    """Let a robot answer datagrams without certificates, of 160 bytes each."""
+    socket = _stop_answers()
+    for start in range(0, len(data), 160):
+        answer = socket.answer(data[start : start + 160])
+        assert answer is None or len(answer) == 160
+
+
+@target(
+    b"{}",
+    _seed({"robot": "ant", "pid": 5, "host": "a", "user": "b"}),
+    b'{"a": [1, {"b": null}]}',
+    words=(*JSON_WORDS, b'{"a":' * 20),
+)
+def read_json(data: bytes) -> None:
+    content = decode_json(data)
+    str(RobotIdentity.of_answer(content))
+
+
+@target(_seed(describe(shipped())), words=_keys(describe(shipped())["robot"]))
+def read_description(data: bytes) -> None:
+    content = decode_json(data)
+    with suppress(RobotFaultError):
+        check_same_robot(content, shipped())
+    assert robot_of(content).name is not None
+
+
+@target(_seed(STATUS), b"{}", words=_keys(STATUS))
+def read_status(data: bytes) -> None:
+    status_rows(decode_json(data), CLEAR_COMMAND)
+
+
+class Answers:
+    """A session in which every query gets the lines of an input as answers."""
+
+    def __init__(self, data: bytes) -> None:
+        self._lines = data.split(b"\n")[:3]
+
+    def get(self, key: str, **about: object) -> list[Any]:
+        """The answers."""
+        return [SimpleNamespace(ok=SimpleNamespace(payload=line)) for line in self._lines]
+
+
+@target(
+    _seed({"lease": "00" * 16, "sequence": 5, "duration_s": 1.0}) + b"\n" + _seed({"error": "held by bob"}),
+    _seed({"status": {**STATUS, "stop": {"id": "00", "clear_in_s": 0.0}}, "stopped": "estop"}),
+    _seed({"status": {"simulated": {}}, "failures": []}),
+    words=_keys(("lease", "sequence", "duration_s", "clear_in_s", "status")),
+)
+def read_answers(data: bytes) -> None:
+    """Ask robots on a link for everything, and make of their answers what a client does."""
+    session: Any = Answers(data)
+    for answer in ask(session, "key"):
+        with suppress(RobotFaultError):
+            lease_id, sequence, duration_s = granted(answer)
+            assert 0 < duration_s < 1000
+            CommandTag(
+                sequence=1, stamp_ns=0, time_to_live_ms=1, lease_id=lease_id, lease_sequence=sequence
+            ).packed()
+    robots = RemoteRobots(session, Link())
+    for status in robots.statuses():
+        str(RobotIdentity.of_answer(status))
+    # Clients wait for answers, and for a stop that may not be cleared yet; inputs do not.
+    with patch.multiple(
+        remote, HOLD_S=0.0, MOST_OTHERS_HOLD_S=0.0, MOST_UNCLAIMED_HOLD_S=0.0, ANSWER_TIMEOUT_S=0.0
+    ):
+        uses: tuple[Callable[[], object], ...] = (
+            lambda: robots.stop("mine"),
+            robots.clear,
+            lambda: robots.fail("5:limp"),
+            lambda: robots.heal(5),
+        )
+        for use in uses:
+            with suppress(HexctlError):
+                use()
+
+
+def _packed(*messages: tuple[bytes, bytes]) -> bytes:
+    return b"".join(
+        len(payload).to_bytes(2, "little") + bytes([len(tag)]) + tag + payload for payload, tag in messages
+    )
+
+
+@target(
+    _packed(
+        (encode_positions(np.zeros(N_JOINTS), 1), STATE_BYTES),
+        (encode_pose(np.zeros(3), UPRIGHT, stamp_ns=1), b""),
+        (encode_battery(11.1, 0.5), b""),
+        (_seed(STATUS), b""),
+    ),
+    _packed(
+        (encode_positions(np.zeros(N_JOINTS), 1), STATE_BYTES),
+        (b"", b""),
+        (b"", b""),
+        (_seed({"failures": ["5:limp"], "warnings": [1], "servos": {}}), b""),
+    ),
+    words=_keys(("failures", "servos", "warnings")),
+)
+def read_robot_state(data: bytes) -> None:
+    """Put a state together from messages, each preceded by its size: joints, pose, battery and status."""
+    latest = LatestValues()
+    for kind in ("joint_states", "odom", "battery", "status"):
+        size, data = int.from_bytes(data[:2], "little"), data[2:]
+        tag_size, data = data[:1], data[1:]
+        tag, data = data[: sum(tag_size)], data[sum(tag_size) :]
+        latest.put(kind, Item(data[:size], tag))
+        data = data[size:]
+    subscriber = StateSubscriber(KeyMap.of("ant"), latest)
+    _ = subscriber.failures
+    state = subscriber.newest(1.0)
+    assert state.joint_positions_rad.shape == (N_JOINTS,)
+
+
+@target(
+    robot_to_json(shipped()).encode(),
+    robot_to_json(shipped("pexod")).encode(),
+    given=as_text,
+    words=JSON_WORDS,
+)
+def read_robot_json(text: str) -> None:
+    robot = robot_from_json(text)
+    assert robot_to_json(robot_from_json(robot_to_json(robot))) == robot_to_json(robot)

@@ -1,11 +1,14 @@
-"""Targets that steer: keys of a terminal, gamepads, and what browsers send to the page and to a stream."""
+"""Targets of steering and of pictures: keys, gamepads, browsers at a page or a stream, cameras."""
 
 import io
 import os
-from functools import cache
+from contextlib import suppress
+from functools import cache, partial
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import websockets.datastructures
 from websockets.http11 import Request
 
@@ -13,10 +16,11 @@ from hexctl.control.drive.arbiter import Arbiter, Velocity
 from hexctl.teleop.drive_page import SOCKET_PATH, TOKEN_PREFIX, VIEW_PATH, DrivePage
 from hexctl.teleop.gamepad import EVENT, EventFiles, GamepadEvents, StopButton, _bits
 from hexctl.teleop.keyboard import REQUEST_KEYS, Keyboard
+from hexctl.teleop.picture_relay import PictureRelay, _Incoming, _PictureError, jpeg_size
+from hexctl.vision.detection import lens_calibration
 from hexctl.vision.video.mjpeg import _Handler
 from hexctl.wire.page_address import PageAddress
-from tests.fuzz.folder import written
-from tests.fuzz.target import Target
+from tests.fuzz.target import JSON_WORDS, as_text, target, written
 
 
 def _bounded(velocity: Velocity) -> None:
@@ -28,7 +32,14 @@ def _pipe() -> tuple[int, int]:
     return os.pipe()
 
 
-def _keys(data: bytes) -> None:
+@target(
+    b"wwasd xq",
+    b"\x1b[A\x1bOB\x1b[5n",
+    b"\x1b[0ngu10",
+    "w\N{PILE OF POO}".encode(),
+    words=(b"\x1b[", b"\x1bO", b"\x1b[0n", b"\x1b"),
+)
+def read_keys(data: bytes) -> None:
     """Type an input in two ticks; a few more pass without a key."""
     arbiter, asked = Arbiter(lambda: 0.0), []
     reading, writing = _pipe()
@@ -49,26 +60,41 @@ def _keys(data: bytes) -> None:
     assert set(asked) <= set(REQUEST_KEYS.values())
 
 
-def _gamepad(data: bytes) -> None:
+def _events(*each: tuple[int, int, int]) -> bytes:
+    return b"".join(EVENT.pack(0, 0, *one) for one in each)
+
+
+@target(
+    _events((1, 310, 1), (3, 1, -32768), (0, 0, 0), (3, 0, 32767), (1, 305, 1)),
+    _events((0, 3, 0), (3, 17, -1), (1, 310, 2), (1, 311, 0)),
+    given=partial(written, "event0"),
+)
+def read_gamepad(path: Path) -> None:
     """Read events from a file, for a drive and for a stop."""
     events = GamepadEvents()
-    with written("event0", data) as path:
-        files = EventFiles(lambda: [path], now_s=lambda: 0.0)
-        files.look()
-        for event in files.events():
-            events.take(*event)
-            assert all(-1 <= share <= 1 for share in events.shares)
-            _ = events.held
-        files.close()
-        if len(data) % 8 == 0:
-            button = StopButton(find=lambda: [path], now_s=lambda: 0.0)
-            button.pressed()
-            button.close()
+    files = EventFiles(lambda: [path], now_s=lambda: 0.0)
+    files.look()
+    for event in files.events():
+        events.take(*event)
+        assert all(-1 <= share <= 1 for share in events.shares)
+        _ = events.held
+    files.close()
+    if path.stat().st_size % 8 == 0:
+        button = StopButton(find=lambda: [path], now_s=lambda: 0.0)
+        button.pressed()
+        button.close()
     assert set(events.pressed) <= {"stop", "stand", "sit", "gait", "up", "down"}
 
 
-def _capabilities(data: bytes) -> None:
-    _bits(data.decode("utf-8", "surrogateescape"))
+@target(
+    b"7cdb000000000000 0 0 0 0",
+    b"3003f",
+    given=as_text,
+    refusals=(ValueError,),
+    words=(b"0x", b"_", b"-"),
+)
+def read_capabilities(text: str) -> None:
+    _bits(text)
 
 
 class Page:
@@ -92,7 +118,13 @@ def _page(token: str | None) -> Page:
     return Page(token)
 
 
-def _message(data: bytes) -> None:
+@target(
+    b'{"v": [1, -0.5, 0.2]}',
+    b'{"release": 1}',
+    b'{"do": "stop"}',
+    words=(*JSON_WORDS, b'"v":', b'"do"'),
+)
+def read_page_message(data: bytes) -> None:
     """Take a message as bytes and as text, of a client that drives and of another."""
     page = _page(None)
     for client in ("one", "two"):
@@ -104,7 +136,14 @@ def _message(data: bytes) -> None:
     page.asked.clear()
 
 
-def _request(data: bytes) -> None:
+@target(
+    b"/\nHost:127.0.0.1:8080",
+    b"/drive\nHost:127.0.0.1:8080\nOrigin:http://127.0.0.1:8080",
+    b"/drive\nHost:localhost\nOrigin:http://localhost\nSec-WebSocket-Protocol:a, token.secretsecret",
+    b"/view\nHost:[::1]:8080",
+    words=(b"\nHost:", b"\nOrigin:", b"\nSec-WebSocket-Protocol:", b"token.", b"\xe9", b"::"),
+)
+def read_page_request(data: bytes) -> None:
     """Answer a request: its path, then lines of headers."""
     path, *lines = data.decode("latin-1").split("\n")
     headers = websockets.datastructures.Headers()
@@ -121,7 +160,13 @@ def _request(data: bytes) -> None:
             assert token is None or f"{TOKEN_PREFIX}{token}" in data.decode("latin-1")
 
 
-def _stream(data: bytes) -> None:
+@target(
+    b"GET / HTTP/1.1\r\nHost: 127.0.0.1:1\r\n\r\n",
+    b"GET /stream.mjpg HTTP/1.0\r\n\r\n",
+    b"GET /elsewhere HTTP/1.1\r\nHost: localhost\r\n\r\n",
+    words=(b"HTTP/1.1", b"\r\nHost: ", b"POST", b"\r\n\r\n"),
+)
+def read_stream_request(data: bytes) -> None:
     """Answer a request for the pictures of a rendered camera."""
     handler: Any = _Handler.__new__(_Handler)
     handler.rfile, handler.wfile = io.BytesIO(data), io.BytesIO()
@@ -134,63 +179,63 @@ def _stream(data: bytes) -> None:
     handler.handle_one_request()
 
 
-def _events(*each: tuple[int, int, int]) -> bytes:
-    return b"".join(EVENT.pack(0, 0, *one) for one in each)
+class Answer:
+    """What a camera sends, in pieces of growing size."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data, self._size = data, 1
+
+    def read1(self, most: int) -> bytes:
+        """The next piece."""
+        taken, self._data = self._data[: self._size], self._data[self._size :]
+        self._size = min(2 * self._size, most)
+        return taken
 
 
-TARGETS = (
-    Target(
-        name="keys",
-        read=_keys,
-        seeds=(b"wwasd xq", b"\x1b[A\x1bOB\x1b[5n", b"\x1b[0ngu10", "w\N{PILE OF POO}".encode()),
-        words=(b"\x1b[", b"\x1bO", b"\x1b[0n", b"\x1b"),
-        most_bytes=250,
-    ),
-    Target(
-        name="gamepad",
-        read=_gamepad,
-        seeds=(
-            _events((1, 310, 1), (3, 1, -32768), (0, 0, 0), (3, 0, 32767), (1, 305, 1)),
-            _events((0, 3, 0), (3, 17, -1), (1, 310, 2), (1, 311, 0)),
-        ),
-        most_bytes=480,
-    ),
-    Target(
-        name="capabilities",
-        read=_capabilities,
-        seeds=(b"7cdb000000000000 0 0 0 0", b"3003f"),
-        refusals=(ValueError,),
-        words=(b"0x", b"_", b"-"),
-        most_bytes=200,
-    ),
-    Target(
-        name="page-message",
-        read=_message,
-        seeds=(b'{"v": [1, -0.5, 0.2]}', b'{"release": 1}', b'{"do": "stop"}'),
-        words=(b"NaN", b"1e400", b"9" * 400, b'"v":', b'"do"', b"null", b"[" * 50, b'"\\ud800"'),
-        most_bytes=600,
-    ),
-    Target(
-        name="page-request",
-        read=_request,
-        seeds=(
-            b"/\nHost:127.0.0.1:8080",
-            b"/drive\nHost:127.0.0.1:8080\nOrigin:http://127.0.0.1:8080",
-            b"/drive\nHost:localhost\nOrigin:http://localhost\nSec-WebSocket-Protocol:a, token.secretsecret",
-            b"/view\nHost:[::1]:8080",
-        ),
-        words=(b"\nHost:", b"\nOrigin:", b"\nSec-WebSocket-Protocol:", b"token.", b"\xe9", b"::"),
-        most_bytes=400,
-    ),
-    Target(
-        name="stream-request",
-        read=_stream,
-        seeds=(
-            b"GET / HTTP/1.1\r\nHost: 127.0.0.1:1\r\n\r\n",
-            b"GET /stream.mjpg HTTP/1.0\r\n\r\n",
-            b"GET /elsewhere HTTP/1.1\r\nHost: localhost\r\n\r\n",
-        ),
-        words=(b"HTTP/1.1", b"\r\nHost: ", b"POST", b"\r\n\r\n"),
-        most_bytes=300,
-    ),
+JPEG = (
+    b"\xff\xd8\xff\xe0\x00\x10JFIF\0\1\1\0\0\1\0\1\0\0"
+    b"\xff\xc0\0\x11\x08\x00\x10\x00\x20\3\1\x22\0\2\x11\1\3\x11\1"
 )
+PART = b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n%s\r\n" % (len(JPEG), JPEG)
+
+
+@cache
+def _relay() -> PictureRelay:
+    return PictureRelay("http://127.0.0.1:1/")
+
+
+@target(
+    PART * 2,
+    PART.replace(b"Content-Length", b"X-Length") * 2,
+    JPEG,
+    words=(b"--frame", b"\r\n\r\n", b"Content-Length: 999999999", b"\xff\xd8\xff"),
+)
+def read_picture_stream(data: bytes) -> None:
+    """Keep what a camera streams until its stream ends, and take it for a single picture too."""
+    relay = _relay()
+    parts: Any = Answer(data)
+    incoming = _Incoming(parts)
+    with suppress(_PictureError, ValueError):
+        while True:
+            relay._keep(incoming.part(b"frame"))
+    rest: Any = Answer(data)
+    with suppress(_PictureError, ValueError):
+        relay._keep(_Incoming(rest).rest())
+
+
+@target(JPEG, refusals=(ValueError,), words=(b"\xff\xc0", b"\xff\xc4"))
+def read_jpeg(data: bytes) -> None:
+    width, height = jpeg_size(data)
+    assert 0 <= width <= 65535
+    assert 0 <= height <= 65535
+
+
+def _png() -> bytes:
+    import cv2
+
+    return bytes(cv2.imencode(".png", np.zeros((8, 8), np.uint8))[1])
+
+
+@target(_png(), given=partial(written, "still.jpg"), words=(b"IHDR", b"IDAT", b"\xff\xd8\xff"), times=5)
+def read_picture(path: Path) -> None:
+    assert lens_calibration.read_picture(path).ndim == 2
