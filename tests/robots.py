@@ -1,6 +1,5 @@
 """Robots for tests: the shipped ones, and robot files that differ from `ant` in something."""
 
-import copy
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -58,7 +57,6 @@ def drop(*path_and_key: Any) -> Edit:
 def edited_file(folder: Path, *edits: Edit, base: str = "ant") -> Path:
     """Write a shipped robot's file with edits into a folder and return its path."""
     content = yaml.safe_load((config_root() / "robots" / f"{base}.yaml").read_text(encoding="utf-8"))
-    content = copy.deepcopy(content)
     for edit in edits:
         edit(content)
     path = folder / "robot.yaml"

@@ -176,13 +176,6 @@ def test_a_robot_that_does_not_say_who_started_it_is_commanded_only_by_name(said
     check_may_command(identity, load_link("loopback"))
 
 
-@pytest.mark.parametrize("name", ["ant", "phantomx"])
-def test_a_robot_recognises_its_own_description(name: str) -> None:
-    answer = decode_json(encode_json(describe(shipped(name))))
-    check_same_robot(answer, shipped(name))
-    check_same_robot(answer, robot_of(answer))
-
-
 def test_another_robot_is_refused_with_the_place_where_it_differs() -> None:
     answer = describe(shipped())
     answer["robot"]["mount_positions_body"][2][1] += 0.001

@@ -4,7 +4,7 @@ from importlib import import_module
 
 from tests.fuzz.target import Target
 
-ROOMS = ("text", "wire", "served", "servos", "mavlink", "documents", "models", "stores", "teleop")
+ROOMS = ("text", "wire", "served", "servos", "mavlink", "documents", "stores", "teleop")
 
 
 def targets_of(room: str) -> tuple[Target, ...]:
