@@ -26,7 +26,7 @@ from hexctl.backends.bus.packets import (
 from hexctl.backends.bus.register_servo import RegisterServo
 from hexctl.backends.bus.registers import table_of
 from hexctl.backends.bus.servo_bus import BusCounters
-from hexctl.backends.bus.tools import bus_of, servo_with
+from hexctl.backends.bus.tools import bus_of, packets_of, servo_with
 from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.i2c_socket import I2cMessage, decode_transaction, encode_transaction
 from hexctl.backends.pwm.servo2040 import Servo2040, decoded, encoded, find_reply, get_frame, set_frame
@@ -159,10 +159,8 @@ def _map(driver: str, model: str) -> BusMap:
 
 def _look_at(driver: str, model: str, data: bytes, *, by_hand: bool) -> None:
     """Let a servo of a model answer, and look at it as a person does, or as a bus."""
-    protocol, packets = 1, LX16A
-    if driver != "lx16a":
-        protocol = table_of(model).protocol
-        packets = PROTOCOLS[protocol]
+    protocol = 1 if driver == "lx16a" else table_of(model).protocol
+    packets = packets_of(driver, protocol)
     line: Any = FuzzedLine(data, packets)
     with suppress(RobotFaultError):
         if by_hand:
