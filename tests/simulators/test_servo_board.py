@@ -200,6 +200,21 @@ def test_losses_and_disorder_are_counted_and_old_overrides_not_obeyed(client: Bo
     assert (report["lost"], report["out_of_order"], report["overrides"]) == (11, 2, 3)
 
 
+def test_a_controller_that_vanished_is_replaced_after_a_while(client: BoardClient) -> None:
+    client.drive(client.stance)
+    with BoardClient(client.board, "second") as second:
+        second.drive(client.stance + 20)
+        second.until(lambda: any(frame.kind == "STATUSTEXT" for frame in second.heard))
+        assert mavlink_messages.name_of(second.newest("STATUSTEXT")) == "another controller holds the servos"
+        assert second.shows(client.stance)
+
+        def obeyed() -> bool:
+            second.drive(client.stance + 20)
+            return second.shows(client.stance + 20)
+
+        second.until(obeyed)
+
+
 def test_who_says_goodbye_makes_room_at_once(client: BoardClient) -> None:
     client.drive(client.stance)
     client.hail(mavlink_messages.POWEROFF)

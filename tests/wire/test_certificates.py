@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -206,7 +207,7 @@ def test_what_is_no_secret_is_refused_and_not_taken_for_a_missing_one(folder: Pa
         path.write_bytes(content)
         path.chmod(mode)
 
-    for spoil in (
+    spoils: tuple[Callable[[], object], ...] = (
         lambda: written(b"00" * 31),
         lambda: written(b"no hex"),
         lambda: written(b"00" * 1_000_000),
@@ -214,7 +215,8 @@ def test_what_is_no_secret_is_refused_and_not_taken_for_a_missing_one(folder: Pa
         lambda: os.mkfifo(path, mode=0o600),
         lambda: path.symlink_to("/dev/zero"),
         lambda: path.symlink_to("nothing"),
-    ):
+    )
+    for spoil in spoils:
         path.unlink()
         spoil()
         with pytest.raises(InputError, match=SECRET_FILE):
