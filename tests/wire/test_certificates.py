@@ -2,7 +2,6 @@
 
 import os
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -200,24 +199,29 @@ def test_both_ends_get_it_or_none(folder: Path) -> None:
     assert not (folder / "robot" / SECRET_FILE).exists()
 
 
-def test_what_is_no_secret_is_refused_and_not_taken_for_a_missing_one(folder: Path) -> None:
+@pytest.mark.parametrize(
+    ("content", "mode"),
+    [
+        (b"00" * 31, 0o600),
+        (b"no hex", 0o600),
+        (b"00" * 1_000_000, 0o600),
+        (b"00" * 32, 0o640),
+        ("fifo", 0),
+        ("/dev/zero", 0),
+        ("nothing", 0),
+    ],
+)
+def test_what_is_no_secret_is_refused_and_not_taken_for_a_missing_one(
+    folder: Path, content: bytes | str, mode: int
+) -> None:
     path = folder / "robot" / SECRET_FILE
-
-    def written(content: bytes, mode: int = 0o600) -> None:
+    path.unlink()
+    if content == "fifo":
+        os.mkfifo(path, mode=0o600)
+    elif isinstance(content, str):
+        path.symlink_to(content)
+    else:
         path.write_bytes(content)
         path.chmod(mode)
-
-    spoils: tuple[Callable[[], object], ...] = (
-        lambda: written(b"00" * 31),
-        lambda: written(b"no hex"),
-        lambda: written(b"00" * 1_000_000),
-        lambda: written(b"00" * 32, 0o640),
-        lambda: os.mkfifo(path, mode=0o600),
-        lambda: path.symlink_to("/dev/zero"),
-        lambda: path.symlink_to("nothing"),
-    )
-    for spoil in spoils:
-        path.unlink()
-        spoil()
-        with pytest.raises(InputError, match=SECRET_FILE):
-            find_stop_secret(Link(endpoint="tls/localhost:7447", credentials=folder), Role.ROBOT)
+    with pytest.raises(InputError, match=SECRET_FILE):
+        find_stop_secret(Link(endpoint="tls/localhost:7447", credentials=folder), Role.ROBOT)
