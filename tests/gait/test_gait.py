@@ -1,5 +1,6 @@
-"""Gaits and motions refuse what cannot be walked, and know their code."""
+"""Gaits by name, code and slots, what cannot be walked, and poses of the body over its feet."""
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -7,9 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hexctl.errors import InputError, WrongTypeError
-from hexctl.gait.encoding import Slots
+from hexctl.gait.body_pose import BodyPose, feet_from_body
+from hexctl.gait.encoding import Slots, code_count, code_from_slots, slots_from_code
 from hexctl.gait.foot_trajectory import lift_offset, part_of_cycle
 from hexctl.gait.gait import (
     NAMED_SLOTS,
@@ -89,11 +93,6 @@ def test_legs_swing_in_the_order_of_the_gait(name: str, order: list[int]) -> Non
     assert swung[first:] + swung[:first] == order
 
 
-def test_the_tripod_lifts_two_groups_of_three_in_turn() -> None:
-    groups = {tuple(int(leg) + 1 for leg in np.flatnonzero(row)) for row in _lifts("tripod") > 0}
-    assert groups == {(), (1, 3, 5), (2, 4, 6)}
-
-
 @pytest.mark.parametrize(
     ("text", "failed", "slots"),
     [
@@ -114,7 +113,12 @@ def test_a_gait_is_read_from_a_name_a_code_or_slots(text: str, failed: tuple[int
     [
         ("gallop", (), r"'gallop'.*demo, tripod, wave, ripple, .*1\.\.720"),
         ("gallop", (5,), r"1\.\.120"),
-        *((text, (), "gait: got") for text in ("", "1.5", "0", "721", "-3", "1,2,3,4,5", "1,2,3,4,5,5")),
+        *((code, (), rf"gait: got {code}; .*1\.\.720") for code in ("0", "721", "-3")),
+        ("0", (5,), r"got 0; .*1\.\.120"),
+        ("121", (5,), r"got 121; .*1\.\.120"),
+        ("7", (1, 3, 5), r"got 7; .*1\.\.6"),
+        *((text, (), "gait: got") for text in ("", "1.5", "1,2,3,4,5", "1,2,3,4,5,5")),
+        *(("1", failed, "failed legs") for failed in ((0,), (7,), (3, 9))),
         *((text, (), "six whole numbers") for text in ("1,2,3,4,5,x", "1,2,3,4,5,")),
         ("tripod\n1", (), r"'tripod\\n1'"),
     ],
@@ -170,3 +174,52 @@ def test_the_text_of_a_gait_is_its_name_in_lower_case() -> None:
     assert gait_text(" Tripod ") == "tripod"
     assert gait_text(",".join(map(str, NAMED_SLOTS["tripod"]))) == "tripod"
     assert gait_text("mine.py:Gait") == "mine.py:Gait"
+
+
+FAILED_SETS = [(), *((leg,) for leg in range(1, 7)), (2, 5), (1, 6), (1, 3, 5), (4, 5, 6)]
+
+
+@pytest.mark.parametrize("failed", FAILED_SETS)
+def test_codes_count_all_arrangements_in_lexicographic_order(failed: tuple[int, ...]) -> None:
+    expected = [
+        slots for slots in itertools.permutations(range(1, 7)) if all(slots[leg - 1] == leg for leg in failed)
+    ]
+    assert code_count(failed) == len(expected) == math.factorial(6 - len(failed))
+    assert [slots_from_code(code, failed) for code in range(1, len(expected) + 1)] == expected
+    assert [code_from_slots(slots, failed) for slots in expected] == [*range(1, len(expected) + 1)]
+
+
+def test_slots_that_move_a_failed_leg_have_no_code() -> None:
+    with pytest.raises(InputError, match="failed leg 5 has slot 4"):
+        code_from_slots((1, 2, 3, 5, 4, 6), (5,))
+
+
+def distances_m(feet: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.norm(feet[:, None] - feet[None], axis=-1))
+
+
+@given(st.lists(st.floats(-1, 1), min_size=6, max_size=6).map(np.array))
+def test_a_pose_keeps_the_distances_between_the_feet(numbers: FloatArray) -> None:
+    feet = shipped("ant").stance_feet_body
+    posed = feet_from_body(feet, BodyPose.of(numbers).array)
+    np.testing.assert_allclose(distances_m(posed), distances_m(feet), atol=1e-12)
+    both = feet_from_body(feet, np.stack([np.zeros(6), numbers]))
+    assert (both[0] == feet).all()
+    assert (both[1] == posed).all()
+
+
+@pytest.mark.parametrize(
+    ("pose", "axis", "first", "second"),
+    [
+        # The front is lower: nearer to its feet.
+        (BodyPose(pitch_rad=0.1), 2, (0.2, 0, -0.1), (-0.2, 0, -0.1)),
+        (BodyPose(roll_rad=0.1), 2, (0, -0.2, -0.1), (0, 0.2, -0.1)),
+        (BodyPose(yaw_rad=0.1), 1, (-0.2, 0, -0.1), (0.2, 0, -0.1)),
+        (BodyPose(), 0, (0.2, 0, 0), (0.1, 0, 0)),
+    ],
+)
+def test_signs_are_those_of_rep_103(
+    pose: BodyPose, axis: int, first: tuple[float, ...], second: tuple[float, ...]
+) -> None:
+    posed = feet_from_body(np.array([first, second]), pose.array)
+    assert posed[0, axis] > posed[1, axis]
