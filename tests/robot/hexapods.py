@@ -39,6 +39,9 @@ def solid(shape: str, xyz: str = "0 0 0", rpy: str = "0 0 0") -> str:
     return f'<visual><origin xyz="{xyz}" rpy="{rpy}"/><geometry>{shape}</geometry></visual>'
 
 
+BOX = solid('<box size="0.22 0.18 0.05"/>')
+
+
 def fixed(name: str, parent: str, inside: str = "", xyz: str = "0 0 0", kind: str = "fixed") -> str:
     """A link with something in it, on another link."""
     return (
@@ -91,7 +94,8 @@ def hexapod(
     return "".join([*parts, more, "</robot>"])
 
 
-def imported(folder: Path, text: str, name: str = "some.urdf", **options: Any) -> ImportedRobot:
-    """What is made of a description."""
-    (folder / name).write_text(text, encoding="utf-8")
-    return import_robot(folder / name, **options)
+def imported(folder: Path, text: str, **options: Any) -> ImportedRobot:
+    """What is made of a description, a URDF or an MJCF."""
+    path = folder / ("some.xml" if text.startswith("<mujoco") else "some.urdf")
+    path.write_text(text, encoding="utf-8")
+    return import_robot(path, **options)

@@ -1,31 +1,27 @@
-"""Robot files: the shipped numbers, a robot that is not symmetric, and what is refused in one line."""
+"""Robot files, the robots and meshes that they give, and what is refused in one line."""
 
+import math
+import os
+import pickle
 import sys
-from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hexctl.errors import InputError, WrongTypeError
 from hexctl.ik.legs import solve_legs
 from hexctl.robot.configs import config_names
-from hexctl.robot.loader import load_robot, load_robot_file
+from hexctl.robot.loader import load_meshes, load_robot, load_robot_file
 from hexctl.robot.plugins import load_named, made_of, module_here
+from hexctl.robot.schema import Body, even_box_m
 from hexctl.robot.yaml_text import yaml_content
-from tests.robot.meshmaking import stl_box
-from tests.robots import ROBOT_NAMES, Edit, drop, edited_file, put, shipped
-
-
-@pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_shipped_robots_have_their_legs_counter_clockwise_from_the_front(name: str) -> None:
-    robot = shipped(name)
-    azimuths = np.degrees(robot.leg_azimuths_rad) % 360
-    assert (np.diff(azimuths) > 0).all()
-    assert (robot.stance_feet_body[[1, 2], 1] > 0).all(), "legs 2 and 3 stand on the left"
-    assert (robot.stance_feet_body[[4, 5], 1] < 0).all(), "legs 5 and 6 stand on the right"
-    assert robot.stance_feet_body[0, 0] > 0, "leg 1 stands in front"
+from tests.robot.meshmaking import MAKERS, glb_box, stl_box
+from tests.robots import Edit, drop, edited_file, put, shipped
 
 
 def test_friction_stiffness_and_speed_without_load_are_per_joint_kind(tmp_path: Path) -> None:
@@ -128,10 +124,6 @@ def test_the_raw_map_is_that_of_the_driver(driver: str | None, unit: str, tmp_pa
     file = load_robot_file(edited_file(tmp_path, put("servos", section)))
     assert file.raw_map.unit == unit
     assert file.raw_map.offsets_deg[2] == 30
-    wrong = edited_file(tmp_path, put("servos", section | {"leg1_coxa": {"id": 2}, "leg1_femur": {"id": 2}}))
-    if driver is not None:
-        with pytest.raises(InputError, match=r"robot\.yaml: servos"):
-            _ = load_robot_file(wrong).raw_map
 
 
 def _refusal(name_or_path: str | Path) -> str:
@@ -142,8 +134,8 @@ def _refusal(name_or_path: str | Path) -> str:
     return message
 
 
-def _change_mounts(change: Callable[[list[Any]], Any]) -> Edit:
-    return lambda content: change(content["mounts"])
+def _clockwise(content: dict[str, Any]) -> None:
+    content["mounts"].reverse()
 
 
 #: What is wrong, how to make it, and what the message names.
@@ -175,10 +167,17 @@ BAD_VALUES: dict[str, tuple[Edit, str]] = {
     "link of length zero": (put("links", "femur", "end_m", [0, 0]), "links.femur.end_m"),
     "stance too far": (put("stance", "outward_m", 0.5), "stance"),
     "stance beyond a joint": (put("joints", "tibia", "max_deg", -120), "stance"),
-    "clockwise legs": (_change_mounts(list.reverse), "mounts"),
+    "clockwise legs": (_clockwise, "mounts"),
     "two feet at one place": (put("mounts", 1, "azimuth_deg", 2), "feet 1 and 2"),
     "an unknown key that is unknown": (put("unknown", ["body.mas_kg"]), "body.mas_kg"),
     "an unknown key with more behind it": (put("unknown", ["size_m.x"]), "size_m.x"),
+    "a mesh of no part": (put("meshes", {"wheel": {"file": "box.stl"}}), "meshes.wheel"),
+    "a mesh without a scale": (put("meshes", {"body": {"file": "box.stl", "scale": 0}}), "meshes.body.scale"),
+    "a mesh without a file": (put("meshes", {"body": {"scale": 1}}), "meshes.body.file"),
+    "a mesh in a plane": (
+        put("meshes", {"body": {"file": "box.stl", "position_m": [0, 0]}}),
+        "meshes.body.position_m",
+    ),
 }
 
 
@@ -307,7 +306,143 @@ def test_anchors_as_a_person_writes_them_are_read() -> None:
     assert yaml_content("x: 0x1f\ny: 1:30\nz: 1e3\n") == {"x": 31, "y": 90, "z": "1e3"}
 
 
-def test_an_id_beyond_all_integers_is_refused_in_plain_words(tmp_path: Path) -> None:
-    wrong = edited_file(tmp_path, put("servos", {"driver": "feetech", "leg1_coxa": {"id": 1e30}}))
-    with pytest.raises(InputError, match=r"servos\.leg1_coxa\.id: got 1e\+30; allowed: a whole number"):
-        load_robot_file(wrong)
+# The model: comparable, read-only, and refused if its arrays are no robot's.
+
+#: Fingerprints that shipped priors, repertoires and uncertainties name.
+FINGERPRINTS = {
+    "ant": "977850e5e368bbb671c6d1113073b5cd4e3155d5744d1e562ad93657ed6e6c28",
+    "pexod": "03474e14803b036830878662745cd09400e0c374e30be028085a2f8d58fe84c5",
+}
+
+
+@pytest.mark.parametrize("name", FINGERPRINTS)
+def test_keys_at_their_defaults_do_not_change_the_fingerprint(name: str, tmp_path: Path) -> None:
+    assert shipped(name).fingerprint == FINGERPRINTS[name]
+    spelled_out = edited_file(
+        tmp_path,
+        put("body", "com_m", [0.0, 0.0, 0.0]),
+        put("joints", "coxa", "dry_friction_nm", 0),
+        base=name,
+    )
+    assert load_robot(spelled_out).fingerprint == FINGERPRINTS[name]
+
+
+#: Edits that each make another robot; the first five are of optional keys.
+CHANGES = (
+    put("body", "com_m", [0.0, 0.0, 0.01]),
+    put("body", "inertia_kg_m2", [0.001, 0.001, 0.001]),
+    put("links", "femur", "com_m", [0.03, 0.0]),
+    put("joints", "coxa", "dry_friction_nm", 0.1),
+    put("joints", "coxa", "stiffness_nm_per_rad", 9.0),
+    put("body", "mass_kg", 0.11),
+    put("joints", "coxa", "max_deg", 41),
+)
+
+
+def test_robots_are_equal_exactly_if_their_descriptions_are(tmp_path: Path) -> None:
+    ant, again = shipped(), load_robot("ant")
+    sent = pickle.loads(pickle.dumps(ant))  # noqa: S301
+    assert ant == again == sent
+    assert hash(ant) == hash(again)
+    assert sent.fingerprint == ant.fingerprint
+    with pytest.raises(ValueError, match="read-only"):
+        sent.stance_angles_rad[0] = 1.0
+    others = [load_robot(edited_file(tmp_path, edit)) for edit in CHANGES]
+    assert ant not in others
+    assert len({robot.fingerprint for robot in [ant, *others]}) == len(CHANGES) + 1
+
+
+@given(st.tuples(*[st.floats(1e-5, 0.1)] * 3), st.floats(0.05, 5))
+def test_the_even_box_has_the_inertia_or_the_inertia_is_refused(
+    moments: tuple[float, float, float], mass_kg: float
+) -> None:
+    possible = all(2 * own < sum(moments) * (1 - 1e-9) for own in moments)
+    if not possible:
+        if any(2 * own > sum(moments) * (1 + 1e-9) for own in moments):
+            with pytest.raises(InputError, match="inertia_kg_m2"):
+                Body(shape="box", size_m=(0.1, 0.1, 0.1), mass_kg=mass_kg, inertia_kg_m2=moments)
+        return
+    x, y, z = np.square(even_box_m(mass_kg, moments))
+    np.testing.assert_allclose(mass_kg / 12 * np.array([y + z, x + z, x + y]), moments, rtol=1e-9)
+
+
+def test_a_trunk_that_cannot_be_is_refused() -> None:
+    for key, value in (("mass_kg", math.nan), ("shape", "ball"), ("size_m", (0.1, 0.1)), ("mas_kg", 1.0)):
+        with pytest.raises(InputError, match=f"body: .*{key}"):
+            Body(**{"size_m": (0.1, 0.1, 0.1), "mass_kg": 1.0, key: value})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("name", 3),
+        ("size_m", "1"),
+        ("gait", "tripod"),
+        ("link_radii_m", [0.01] * 3),
+        ("stance_angles_rad", np.zeros((6, 3))),
+        ("link_masses_kg", np.array([1.0, np.nan, 1.0])),
+        ("link_masses_kg", np.array(["1", "1", "1"])),
+    ],
+)
+def test_a_value_of_a_wrong_type_or_shape_is_refused(field: str, value: Any) -> None:
+    with pytest.raises(InputError, match=f"robot.{field}"):
+        replace(shipped(), **{field: value})
+
+
+# Meshes: looks that a recording shows, and nothing else about the robot.
+
+
+def robot_file(folder: Path, **meshes: Any) -> Path:
+    return edited_file(folder, put("meshes", meshes))
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_each_kind_of_file_is_taken_whole(name: str, tmp_path: Path) -> None:
+    content = MAKERS[name]()
+    (tmp_path / "looks").mkdir()
+    (tmp_path / "looks" / name).write_bytes(content)
+    meshes = load_meshes(robot_file(tmp_path, tibia={"file": f"looks/{name}"}))
+    assert list(meshes) == ["tibia"]
+    mesh = meshes["tibia"]
+    assert mesh.content == content
+    assert mesh.scale == 1
+    np.testing.assert_array_equal(mesh.position_m, 0)
+    np.testing.assert_array_equal(mesh.quaternion, [1, 0, 0, 0])
+    assert mesh.coloured == (not name.endswith(".stl"))
+
+
+def test_scale_and_pose_are_those_of_the_file(tmp_path: Path) -> None:
+    (tmp_path / "box.stl").write_bytes(stl_box())
+    where = {"scale": 0.001, "position_m": [0.1, 0.2, 0.3], "rotation_deg": [90, 0, 90]}
+    mesh = load_meshes(robot_file(tmp_path, body={"file": "box.stl"} | where))["body"]
+    assert mesh.scale == 0.001
+    np.testing.assert_array_equal(mesh.position_m, [0.1, 0.2, 0.3])
+    # About x first: y points up then, and stays up when turned about z.
+    np.testing.assert_allclose(mesh.quaternion, [0.5, 0.5, 0.5, 0.5], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("file", "content"),
+    [
+        ("none.stl", None),
+        ("box.ply", b"ply"),
+        ("cut.stl", stl_box()[:-7]),
+        ("empty.obj", b"# nothing\n"),
+        ("cut.glb", glb_box()[:-7]),
+        ("pipe.stl", None),
+        ("zeros.obj", None),
+    ],
+)
+def test_a_missing_or_broken_mesh_is_refused_in_one_line(
+    file: str, content: bytes | None, tmp_path: Path
+) -> None:
+    os.mkfifo(tmp_path / "pipe.stl")
+    (tmp_path / "zeros.obj").symlink_to("/dev/zero")
+    if content is not None:
+        (tmp_path / file).write_bytes(content)
+    path = robot_file(tmp_path, femur={"file": file})
+    with pytest.raises(InputError) as refusal:
+        load_meshes(path)
+    message = str(refusal.value)
+    assert message.startswith(f"{path}: meshes.femur.file: {tmp_path / file}")
+    assert "\n" not in message

@@ -80,18 +80,13 @@ def test_turns_after_one_another(yaw: float, pitch: float, roll: float, other: f
     np.testing.assert_allclose(about_z(yaw), _quaternion(yaw, 0.0, 0.0), atol=1e-12)
 
 
-def quaternion(rotation: Rotation) -> np.ndarray:
-    """Components w, x, y, z."""
-    return np.array(rotation.as_quat()[[3, 0, 1, 2]])
-
-
 def test_a_steady_motion_is_seen_in_the_frame_of_the_body() -> None:
     velocity, turn = np.array([0.2, -0.1, 0.05]), np.array([0.1, -0.2, 0.8])
     first = Rotation.from_euler("zyx", [2.0, 0.1, -0.2])
     twist, position, period_s = BodyTwist(), np.array([1.0, 2.0, 0.1]), 0.02
     for index in range(20):
         now = first * Rotation.from_rotvec(turn * index * period_s)
-        found = twist.of(index * period_s, position, quaternion(now))
+        found = twist.of(index * period_s, position, wxyz(now.as_quat()))
         position = position + now.apply(velocity) * period_s
     np.testing.assert_allclose(found[3:], turn, atol=1e-12)
     # Averaged over 0.1 s, in which the body turns on by 0.08 rad.

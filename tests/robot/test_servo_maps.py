@@ -1,4 +1,4 @@
-"""Servo maps: which output or servo moves which joint, and the angles its raw values mean."""
+"""Servo maps: which servo moves which joint, what its raw values mean, and what a calibration writes."""
 
 import math
 from dataclasses import replace
@@ -7,19 +7,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+import yaml
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from pydantic import ValidationError
 
 from hexctl.errors import InputError
+from hexctl.robot.configs import config_root, read_mapping
 from hexctl.robot.loader import load_robot, load_robot_file
 from hexctl.robot.servos.bus_map import BusMap, bus_map_of
-from hexctl.robot.servos.drivers import BUS_DRIVERS
 from hexctl.robot.servos.pwm_map import PwmMap, pwm_map_of
-from hexctl.robot.servos.raw_map import joints_beyond, reference_deg
+from hexctl.robot.servos.raw_map import RawMap, reference_deg
 from hexctl.robot.servos.servo_map import DEFAULT_MAX_US, DEFAULT_MIN_US, ServoMap, default_servo_map
 from hexctl.robot.servos.servo_schema import ServosSection
-from hexctl.types import N_JOINTS
+from hexctl.robot.servos.servos_section import back_up, check_writable, write_joint
+from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_JOINTS
 from tests.robots import edited_file, put, shipped
 
 
@@ -55,20 +56,16 @@ def test_pulses_within_the_limits_mean_the_angles_they_came_from(
 
 
 @given(servo_maps(), angles)
-def test_no_pulse_is_beyond_its_limits(servo_map: ServoMap, positions: np.ndarray[Any, Any]) -> None:
+def test_every_channel_is_one_joint_within_its_limits(
+    servo_map: ServoMap, positions: np.ndarray[Any, Any]
+) -> None:
     pulses = servo_map.to_us(positions)[servo_map.channels - 1]
-    assert (pulses >= servo_map.least).all()
-    assert (pulses <= servo_map.most).all()
+    assert ((servo_map.least <= pulses) & (pulses <= servo_map.most)).all()
     assert servo_map.outside(positions).any() == (~np.isclose(pulses, servo_map.raw(positions))).any()
-
-
-@given(servo_maps(), angles)
-def test_every_channel_is_one_joint(servo_map: ServoMap, positions: np.ndarray[Any, Any]) -> None:
-    for joint, channel in enumerate(servo_map.channels.tolist()):
+    for joint, found in enumerate(pulses):
         degrees = servo_map.signs[joint] * math.degrees(positions[joint]) + servo_map.offsets_deg[joint]
         wanted = servo_map.centre[joint] + servo_map.per_deg[joint] * degrees
-        expected = min(max(wanted, servo_map.least[joint]), servo_map.most[joint])
-        assert servo_map.to_us(positions)[channel - 1] == pytest.approx(expected)
+        assert found == pytest.approx(min(max(wanted, servo_map.least[joint]), servo_map.most[joint]))
 
 
 def test_without_a_section_ninety_degrees_are_a_thousand_microseconds() -> None:
@@ -94,21 +91,6 @@ def test_a_joint_goes_before_its_kind_and_that_before_the_defaults(tmp_path: Pat
     assert servo_map.signs[:3].tolist() == [1, 1, -1]
     assert servo_map.most[:3].tolist() == [2500, 2500, 2300]
     assert (servo_map.per_deg[0], servo_map.centre[17], servo_map.low_battery_v) == (10, 1520, 9.9)
-
-
-def test_it_changes_neither_the_robot_nor_its_fingerprint(tmp_path: Path) -> None:
-    path = edited_file(tmp_path, put("servos", {"leg1_coxa": {"sign": -1, "offset_deg": 12}}))
-    assert load_robot(path).fingerprint == shipped().fingerprint
-
-
-def test_ranges_wider_than_the_pulses_are_named(tmp_path: Path) -> None:
-    robot = shipped()
-    path = edited_file(tmp_path, put("servos", {"tibia": {"offset_deg": 75}}))
-    assert joints_beyond(load_robot_file(path).servo_map, robot) == ()
-    path = edited_file(
-        tmp_path, put("servos", {"leg2_femur": {"offset_deg": 1}, "tibia": {"offset_deg": 75}})
-    )
-    assert joints_beyond(load_robot_file(path).servo_map, robot) == ("leg2_femur",)
 
 
 joints = st.integers(0, 17)
@@ -235,6 +217,25 @@ WRONG_SECTIONS: list[tuple[Any, str]] = [
     ({"leg1_coxa": {"min_us": 2600}}, "min_us 2600 and max_us 2500"),
     ({"us_per_deg": 0}, r"servos\.us_per_deg"),
     ([1], "servos"),
+    ({"driver": "feetech", "leg1_coxa": {"id": 1e30}}, r"leg1_coxa\.id: got 1e\+30; allowed: a whole number"),
+    ({"driver": "feetech", "leg1_coxa": {"id": 253}}, r"servos\.leg1_coxa\.id"),
+    ({"driver": "feetech", "leg1_coxa": {"id": 2}}, "id 2 for leg1_coxa and leg1_femur"),
+    ({"driver": "feetech", "model": "ax12a"}, "ax12a with feetech"),
+    ({"driver": "feetech", "model": "mg996r"}, r"servos\.model"),
+    ({"driver": "feetech", "tibia": {"model": "scs0009"}}, "registers"),
+    ({"driver": "feetech", "coxa": {"min_count": 3000, "max_count": 2000}}, "min_count"),
+    ({"driver": "dynamixel", "model": "ax12a", "coxa": {"max_count": 1024}}, "max_count"),
+    ({"driver": "servo2040", "leg1_coxa": {"id": 18}}, r"servos\.leg1_coxa\.id"),
+    ({"driver": "servo2040", "leg1_coxa": {"id": 1}}, "id 1 for leg1_coxa and leg1_femur"),
+    ({"driver": "servo2040", "leg1_tibia": {"touch": 1}}, "touch 1 for leg1_tibia and leg2_tibia"),
+    ({"driver": "servo2040", "leg1_tibia": {"touch": 6}}, r"servos\.leg1_tibia\.touch"),
+    ({"driver": "servo2040", "leg1_coxa": {"touch": 1}}, r"servos\.leg1_coxa"),
+    ({"driver": "servo2040", "tibia": {"min_us": 400}}, "min_us 400"),
+    ({"driver": "pca9685", "leg1_coxa": {"id": 32}}, r"servos\.leg1_coxa\.id"),
+    ({"driver": "pca9685", "leg1_tibia": {"touch": 1}}, "touch 1"),
+    *(({"addresses": wrong}, r"servos\.addresses") for wrong in ([0x40, 0x40], [0x40, 0x70], [0x40])),
+    *(({"oscillator_mhz": wrong}, r"servos\.oscillator_mhz") for wrong in (19, [25, 31])),
+    ({"port": True}, r"servos\.port"),
 ]
 
 
@@ -242,66 +243,188 @@ WRONG_SECTIONS: list[tuple[Any, str]] = [
 def test_a_wrong_section_is_refused_with_its_file_and_key(section: Any, named: str, tmp_path: Path) -> None:
     path = edited_file(tmp_path, put("servos", section))
     with pytest.raises(InputError, match=named) as refused:
-        _ = load_robot_file(path).servo_map
+        _ = load_robot_file(path).raw_map
     assert str(refused.value).startswith(str(path))
     assert "\n" not in str(refused.value)
 
 
-@pytest.mark.parametrize(
-    ("change", "named"),
-    [
-        ({"channels": list(range(1, 19))}, "servos.channels"),
-        ({"signs": np.ones(6)}, "servos.signs"),
-        ({"offsets_deg": np.full(18, np.nan)}, "servos.offsets_deg"),
-    ],
-)
-def test_a_map_of_wrong_arrays_is_refused(change: dict[str, Any], named: str) -> None:
-    with pytest.raises(InputError, match=named):
-        replace(default_servo_map(), **change)
+def test_a_section_of_another_driver_and_arrays_of_another_shape_are_refused() -> None:
+    for make, driver in ((bus, "dynamixel"), (pwm, "servo2040")):
+        with pytest.raises(InputError, match=r"servos\.driver"):
+            make(driver, driver="feetech")
+        with pytest.raises(InputError, match=r"servos\.driver"):
+            make("hitec")
+    with pytest.raises(InputError, match=r"servos\.signs"):
+        replace(default_servo_map(), signs=np.ones(6))
 
 
-@pytest.mark.parametrize(
-    ("driver", "section", "named"),
-    [
-        ("feetech", {"leg1_coxa": {"id": 2}}, "id 2 for leg1_coxa and leg1_femur"),
-        ("feetech", {"model": "ax12a"}, "ax12a with feetech"),
-        ("feetech", {"model": "mg996r"}, "servos.model"),
-        ("feetech", {"tibia": {"model": "scs0009"}}, "registers"),
-        ("dynamixel", {"driver": "feetech"}, "servos.driver"),
-        ("feetech", {"coxa": {"min_count": 3000, "max_count": 2000}}, "min_count"),
-        ("dynamixel", {"model": "ax12a", "coxa": {"max_count": 1024}}, "max_count"),
-        ("servo2040", {"leg1_coxa": {"id": 18}}, "servos.leg1_coxa.id"),
-        ("servo2040", {"leg1_coxa": {"id": 1}}, "id 1 for leg1_coxa and leg1_femur"),
-        ("servo2040", {"leg1_tibia": {"touch": 1}}, "touch 1 for leg1_tibia and leg2_tibia"),
-        ("servo2040", {"leg1_coxa": {"touch": 1}}, "servos.leg1_coxa"),
-        ("servo2040", {"tibia": {"min_us": 400}}, "min_us 400"),
-        ("pca9685", {"leg1_coxa": {"id": 32}}, "servos.leg1_coxa.id"),
-        ("pca9685", {"leg1_tibia": {"touch": 1}}, "touch 1"),
-        ("servo2040", {"driver": "feetech"}, "servos.driver"),
-        ("hitec", {}, "servos.driver"),
-    ],
+# What a calibration writes into a robot file: one joint, and no other key or comment.
+
+ANT = config_root() / "robots" / "ant.yaml"
+
+SHIPPED = "".join(
+    line
+    for line in ANT.read_text(encoding="utf-8").splitlines(keepends=True)
+    if not line.startswith("servos")
 )
-def test_what_no_bus_and_no_board_can_have_is_refused(
-    driver: str, section: dict[str, Any], named: str
+
+#: Section by layout, each with another joint in front of leg1_tibia's keys or none.
+SECTIONS = {
+    "none": SHIPPED,
+    "flow": SHIPPED + "servos: {tibia: {offset_deg: 75}} # mine\n",
+    "flow, the joint in it": SHIPPED + "servos: {leg1_tibia: {offset_deg: 75, }, } # mine\n",
+    "flow over lines": SHIPPED + "servos: {tibia: {offset_deg: 75},\n  coxa: {sign: -1}\n}\n",
+    "block in the middle": SHIPPED.replace(
+        "foot_radius_m:",
+        "servos:\n  # the tibias\n  tibia:\n    offset_deg: 75 # horn\n\n# about the feet\nfoot_radius_m:",
+    ),
+    "block at the end": SHIPPED + "servos:\n  tibia: {offset_deg: 75}\n\n# the end\n",
+    "the joint in it": SHIPPED
+    + "servos:\n  port: /dev/x # usb\n  leg1_tibia: # mine\n    # horn\n    offset_deg: 75 # slipped\n"
+    "    channel: 3\n  # the hips\n  coxa: {sign: -1}\n",
+    "the joint last": SHIPPED + "servos:\n    leg1_tibia:\n        sign: -1",
+    "the joint in flow": SHIPPED
+    + "servos:\n  leg1_tibia: {channel: 3, sign: -1} # mine\n  coxa: {sign: 1}\n",
+    "empty": SHIPPED + "servos: {}\n",
+    "before others": "servos:\n  tibia:\n    offset_deg: 75\n" + SHIPPED,
+}
+
+
+@pytest.mark.parametrize("kind", SECTIONS)
+def test_one_joint_changes_and_every_other_line_stays(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(SECTIONS[kind], encoding="utf-8")
+    before = read_mapping(path)
+    wanted = default_servo_map().flipped(2, 10).limited(2, (700, 1900))
+    write_joint(path, wanted, 2)
+    expected = before.setdefault("servos", {}).setdefault("leg1_tibia", {})
+    expected |= {"sign": -1, "offset_deg": 20.0, "min_us": 700, "max_us": 1900}
+    assert read_mapping(path) == before
+    assert load_robot(path).fingerprint == shipped().fingerprint
+    written = path.read_text(encoding="utf-8")
+    for comment in ("about the feet", "the end", "the tibias", "horn", "mine", "usb", "slipped"):
+        assert (f"# {comment}" in written) == (f"# {comment}" in SECTIONS[kind])
+    kept = [line for line in SHIPPED.splitlines() if line]
+    assert [line for line in written.splitlines() if line in kept] == kept
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_joints_that_share_keys_by_anchors_are_told_apart(tmp_path: Path) -> None:
+    """Both have the keys of the first, until one of them is calibrated."""
+    path = tmp_path / "mine.yaml"
+    path.write_text(
+        SHIPPED + "# wiring\nservos:\n  leg1_coxa: &right {sign: -1, offset_deg: 2}\n  leg2_coxa: *right\n",
+        encoding="utf-8",
+    )
+    write_joint(path, default_servo_map().referenced(3, 0, 5), 3)
+    found = load_robot_file(path).servo_map
+    assert (found.signs[0], found.offsets_deg[0]) == (-1, 2)
+    assert (found.signs[3], found.offsets_deg[3]) == (1, -5)
+    assert "# wiring\n" in path.read_text(encoding="utf-8")
+
+
+keys = {
+    "sign": st.sampled_from([1, -1]),
+    "offset_deg": st.floats(-90, 90).map(lambda value: round(value, 3)),
+    "model": st.sampled_from(["sts3215", "sts3032"]),
+    "min_count": st.integers(0, 2000),
+    "max_count": st.integers(2100, 4095),
+    "min_us": st.integers(500, 1400),
+    "max_us": st.integers(1500, 2500),
+}
+
+kinds = st.fixed_dictionaries({}, optional=keys)
+
+
+@st.composite
+def sections(draw: st.DrawFn) -> dict[str, Any]:
+    """Sections `servos` of robots on a bus, with any keys that they may have."""
+    ids = draw(st.permutations(range(30)))
+    wiring = {"touch": st.integers(0, 5), "channel": st.integers(1, 18)}
+    joints = {
+        name: st.fixed_dictionaries({"id": st.just(ids[joint])}, optional={**keys, **wiring})
+        for joint, name in enumerate(JOINT_NAMES)
+    }
+    common = {
+        "driver": st.just("feetech"),
+        "port": st.sampled_from(["/dev/ttyUSB0", "/dev/serial/by-path/a: b", "#1", "''"]),
+        "baud": st.sampled_from([115200, 1_000_000]),
+        "model": st.just("sts3215"),
+        "if_computer_dies": st.sampled_from(["sit", "hold"]),
+        "us_per_deg": st.floats(1, 30),
+        "centre_us": st.integers(1000, 2000),
+        "low_battery_v": st.floats(1, 20),
+    }
+    made = draw(st.fixed_dictionaries({}, optional={**common, **dict.fromkeys(JOINT_KINDS, kinds), **joints}))
+    return dict(draw(st.permutations(list(made.items()))))
+
+
+@pytest.mark.slow
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=12, deadline=None)
+@given(sections(), st.sampled_from([None, True, False]), st.permutations(range(18)))
+def test_no_key_of_any_section_is_lost(
+    tmp_path: Path, section: dict[str, Any], flow: bool | None, joints: list[int]
 ) -> None:
-    make = bus if driver in BUS_DRIVERS else pwm
-    with pytest.raises(InputError, match=named):
-        make(driver, **section)
+    path = tmp_path / "mine.yaml"
+    text = yaml.safe_dump(section if flow else {"servos": section}, default_flow_style=flow, sort_keys=False)
+    path.write_text(("servos: " if flow else "") + text + SHIPPED, encoding="utf-8")
+    expected = read_mapping(path)
+    found: RawMap = bus_map_of(ServosSection(), "feetech")
+    for joint in joints[:3]:
+        found = found.referenced(joint, 0, 1.5 * joint).flipped(joint, -joint).limited(joint, (1000, 3000))
+        write_joint(path, found, joint)
+        expected["servos"].setdefault(JOINT_NAMES[joint], {}).update(
+            sign=int(found.signs[joint]),
+            offset_deg=float(found.offsets_deg[joint]),
+            min_count=1000,
+            max_count=3000,
+        )
+    assert read_mapping(path) == expected
+    assert path.read_text().endswith(SHIPPED)
 
 
-@pytest.mark.parametrize(
-    "section",
-    [
-        {"leg1_coxa": {"id": 253}},
-        {"leg1_tibia": {"touch": 6}},
-        {"addresses": [0x40, 0x40]},
-        {"addresses": [0x40, 0x70]},
-        {"addresses": [0x40]},
-        {"oscillator_mhz": 19},
-        {"oscillator_mhz": [25, 31]},
-        {"port": True},
-    ],
-)
-def test_ids_bauds_and_addresses_are_checked_in_the_file(section: dict[str, Any]) -> None:
-    with pytest.raises(ValidationError):
-        ServosSection.model_validate(section)
+@pytest.mark.slow
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=2, deadline=None)
+@given(servo_maps())
+def test_what_is_written_is_read_back_to_the_last_bit(tmp_path: Path, servo_map: ServoMap) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(SHIPPED, encoding="utf-8")
+    for joint in [*range(18), 4]:
+        write_joint(path, servo_map, joint)
+    found = load_robot_file(path).servo_map
+    assert found == found.calibrated_as(servo_map)
+
+
+def test_a_file_that_would_not_load_is_not_written(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(SHIPPED + "servos: {leg1_coxa: {chanel: 1}}\n", encoding="utf-8")
+    before = path.read_text()
+    with pytest.raises(InputError, match=r"servos.leg1_coxa.chanel"):
+        write_joint(path, default_servo_map(), 0)
+    assert path.read_text() == before
+
+
+def test_a_backup_never_takes_the_place_of_an_older_one(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    for content in ("one", "two", "three"):
+        path.write_text(content)
+        back_up(path)
+    kept = {file.name: file.read_text() for file in tmp_path.iterdir()}
+    assert kept == {
+        "mine.yaml": "three",
+        "mine.yaml.bak": "one",
+        "mine.yaml.bak.2": "two",
+        "mine.yaml.bak.3": "three",
+    }
+
+
+def test_a_file_that_is_a_link_keeps_being_one(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    real, link = tmp_path / "there" / "real.yaml", tmp_path / "link.yaml"
+    real.write_text(SHIPPED, encoding="utf-8")
+    link.symlink_to(real)
+    with pytest.raises(InputError, match="ant"):
+        check_writable(ANT)
+    write_joint(link, default_servo_map(), 0)
+    assert link.is_symlink()
+    assert "servos:" in real.read_text(encoding="utf-8")

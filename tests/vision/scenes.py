@@ -1,6 +1,6 @@
 """Scenes that tests look at: a robot with a tag, tags on the floor, and a webcam 2.3 m away at 45 deg."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -10,9 +10,8 @@ from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import about_z
 from hexctl.types import FloatArray
-from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.lens import save_lens
-from hexctl.vision.detection.planar_pose import PlanarPose
+from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose
 from hexctl.vision.twin.rendering import (
     CAMERA,
     FLOOR_TAGS,
@@ -43,10 +42,10 @@ def standing(robot: Robot, pose: PlanarPose, joints_rad: FloatArray | None = Non
 
 
 @contextmanager
-def scene(camera: Camera = CAMERA) -> Iterator[SceneRenderer]:
-    """The usual scene, seen by a camera."""
+def scene(tags: Mapping[int, PlacedTag] = FLOOR_TAGS) -> Iterator[SceneRenderer]:
+    """The usual scene, unless other tags lie on the floor."""
     model = load_robot("ant")
-    with SceneRenderer(model, camera, FLOOR_TAGS, tag_on(model)) as renderer:
+    with SceneRenderer(model, CAMERA, tags, tag_on(model)) as renderer:
         yield renderer
 
 

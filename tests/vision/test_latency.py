@@ -27,8 +27,8 @@ from hexctl.vision.video.videos import Frame, VideoSource
 from hexctl.waiting import wait_for
 from tests.driven import course
 from tests.robots import shipped
-from tests.vision.sightings import SIGMA
 from tests.vision.test_place import saved
+from tests.vision.test_pose_filter import SIGMA
 
 #: A twist of the body, by its joints.
 TIMES_S = 0.02 * np.arange(300, dtype=float)

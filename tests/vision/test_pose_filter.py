@@ -1,15 +1,20 @@
 """The filter of poses: its mathematics, and late, lost, wild and carried sightings on walks."""
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from hexctl.ik.leg_odometry import leg_motions
+from hexctl.robot.rotations import wrapped_rad
+from hexctl.types import FloatArray
 from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.estimation.pose_belief import STATES, OwnMotion, PoseBelief, Sighting
-from hexctl.vision.estimation.pose_filter import HISTORY_S, PoseFilter
-from tests.driven import Command, driven
-from tests.vision.sightings import SIGMA, Eye, followed
+from hexctl.vision.estimation.pose_filter import HISTORY_S, PoseEstimate, PoseFilter
+from tests.driven import Command, Driven, driven
+from tests.robots import shipped
 
 MEAN = np.array([0.3, -0.2, 0.8, 0.1, -0.05, 0.1, 0.2, 0.1, -0.03, 0.4])
 
@@ -55,9 +60,112 @@ def test_slip_is_learned() -> None:
     assert now.surprise(Sighting(4.0, PlanarPose(0.82, 0, 0), spread)) > 5
 
 
+#: From a picture to its sighting, share of sightings that never come, and from a motion to its report.
+LATE_S, DROPPED, DELAY_S = 0.08, 0.1, 0.03
+
+#: Standard deviation of sightings in m, m and rad.
+SIGMA = np.array([0.01, 0.01, math.radians(0.5)])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Eye:
+    """How a camera sees, `LATE_S` late and without a tenth of the sightings.
+
+    Attributes:
+        fps: pictures per second.
+        wild: share of the sightings that is anywhere within a metre.
+        gap_s: from when to when there are no sightings.
+        carried: at a time in s, the robot is put elsewhere in the floor's frame: x, y in m, yaw in rad.
+    """
+
+    fps: float = 30.0
+    wild: float = 0.0
+    gap_s: tuple[float, float] = (0.0, 0.0)
+    carried: tuple[float, float, float, float] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """What a filter said at each picture, and true poses then, (N, 3)."""
+
+    estimates: list[PoseEstimate]
+    true: FloatArray
+    filter: PoseFilter = field(repr=False)
+
+    @property
+    def times_s(self) -> FloatArray:
+        """When, (N,)."""
+        return np.array([one.at_s for one in self.estimates])
+
+    @property
+    def poses(self) -> FloatArray:
+        """What it said, (N, 3); NaN where lost."""
+        rows = [
+            (math.nan,) * 3 if pose is None else (pose.x_m, pose.y_m, pose.yaw_rad)
+            for pose in (one.pose for one in self.estimates)
+        ]
+        return np.array(rows)
+
+    def errors(self, from_s: float = 1.0) -> tuple[float, float]:
+        """RMS of position in m and yaw in deg."""
+        off = (self.poses - self.true)[self.times_s >= from_s]
+        yaw_deg = np.degrees(np.angle(np.exp(1j * off[:, 2])))
+        position_m2 = np.square(off[:, :2]).sum(axis=1)
+        return float(np.sqrt(np.nanmean(position_m2))), float(np.sqrt(np.nanmean(yaw_deg**2)))
+
+    def error_at(self, at_s: float) -> float:
+        """Distance from the truth at a time, in m."""
+        place = int(np.searchsorted(self.times_s, at_s))
+        return float(np.hypot(*(self.poses - self.true)[place, :2]))
+
+    def greatest_jump_m(self) -> float:
+        """How much farther than the robot the published pose went between two pictures; not at restarts."""
+        whole = np.array([before.restarts == after.restarts for before, after in pairwise(self.estimates)])
+        steps = np.diff(self.poses[:, :2], axis=0) - np.diff(self.true[:, :2], axis=0)
+        return float(np.nanmax(np.hypot(*steps.T)[whole]))
+
+
+def followed(walk: Driven, eye: Eye) -> Followed:
+    """A filter that follows driven `ant`, whose own motion comes `DELAY_S` late."""
+    rng = np.random.default_rng(0)
+    motions = leg_motions(shipped(), walk.times_s, walk.joints_rad).motions
+    true = walk.poses.copy()
+    if eye.carried is not None:
+        true[walk.times_s >= eye.carried[0]] += eye.carried[1:]
+    poses = PoseFilter()
+    estimates, truths, told = [], [], 0
+    waiting: list[Sighting] = []
+    for frame in range(int(walk.times_s[-1] * eye.fps)):
+        now_s = frame / eye.fps
+        while told < len(motions) and walk.times_s[told + 1] <= now_s - DELAY_S:
+            poses.move(walk.times_s[told], walk.times_s[told + 1], motions[told])
+            told += 1
+        waiting += sighted(at(walk.times_s, true, now_s), now_s, eye, rng)
+        for one in [one for one in waiting if one.at_s + LATE_S <= now_s + 1e-9]:
+            waiting.remove(one)
+            poses.see(one)
+        estimates.append(poses.estimate(now_s))
+        truths.append(at(walk.times_s, true, now_s))
+    return Followed(estimates, np.array(truths), poses)
+
+
+def at(times_s: FloatArray, rows: FloatArray, at_s: float) -> FloatArray:
+    """Rows (T, 3) at a time between theirs."""
+    return np.array([np.interp(at_s, times_s, column) for column in rows.T])
+
+
+def sighted(true: FloatArray, at_s: float, eye: Eye, rng: np.random.Generator) -> list[Sighting]:
+    """The sighting of a pose, if there is one."""
+    lost, wild = rng.random(2)
+    noise, anywhere = rng.normal(size=3) * SIGMA, rng.uniform(-1, 1, 3)
+    if lost < DROPPED or eye.gap_s[0] <= at_s < eye.gap_s[1]:
+        return []
+    x_m, y_m, yaw_rad = true + (anywhere if wild < eye.wild else noise)
+    return [Sighting(at_s, PlanarPose(x_m, y_m, wrapped_rad(yaw_rad)), np.diag(SIGMA**2))]
+
+
 AHEAD: tuple[Command, ...] = ((1, 0, 0, 0), (7, 1, 0, 0))
 STOPPING: tuple[Command, ...] = ((1, 0, 0, 0), (5, 1, 0, 0), (3, 0, 0, 0))
-GAP = ((5.0, 7.0),)
 
 
 def seen_at(at_s: float, x_m: float = 0.0, y_m: float = 0.0, yaw_rad: float = 0.0) -> Sighting:
@@ -93,7 +201,7 @@ def test_wild_sightings_are_not_believed() -> None:
 
 @pytest.mark.slow
 def test_two_seconds_without_sight_are_bridged() -> None:
-    course = followed(driven("ant", STOPPING, world="real:3"), Eye(gaps=GAP))
+    course = followed(driven("ant", STOPPING, world="real:3"), Eye(gap_s=(5.0, 7.0)))
     assert course.error_at(7.0) < 0.025
     assert course.greatest_jump_m() < 0.02
     bridging = course.estimates[int(6.9 * 30)]

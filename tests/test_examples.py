@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 import types
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,8 @@ import pytest
 
 from tests.identify.test_bench import TRUTH, bench_run, write_run
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
-
-#: Programs with tests of their own, in this folder.
-TESTED_ELSEWHERE = {"drive_gym.py", "square.py"}
+pytestmark = pytest.mark.slow
+EXAMPLES = Path(__file__).parents[1] / "examples"
 
 #: What each program prints.
 PRINTED = {
@@ -36,6 +35,9 @@ PRINTED = {
 }
 
 
+Printed = Callable[..., str]
+
+
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
@@ -43,53 +45,41 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def printed(
-    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: str
-) -> str:
+@pytest.fixture
+def printed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Printed:
     """What a program prints, called with some words."""
-    monkeypatch.setattr(sys, "argv", [name, *words])
-    runpy.run_path(str(EXAMPLES / name), run_name="__main__")
-    out = capsys.readouterr().out
-    assert re.search(PRINTED[name], out), out
-    return out
+
+    def of(name: str, *words: str) -> str:
+        monkeypatch.setattr(sys, "argv", [name, *words])
+        runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+        out = capsys.readouterr().out
+        assert re.search(PRINTED[name], out), out
+        return out
+
+    return of
 
 
-@pytest.mark.slow
 def test_every_program_is_run_by_a_test() -> None:
-    assert {path.name for path in EXAMPLES.glob("*.py")} == PRINTED.keys() | TESTED_ELSEWHERE
+    others = {"drive_gym.py", "square.py"}
+    assert {path.name for path in EXAMPLES.glob("*.py")} == PRINTED.keys() | others
 
 
-@pytest.mark.slow
-def test_programs_are_short() -> None:
-    for name in PRINTED:
-        assert 10 <= len((EXAMPLES / name).read_text(encoding="utf-8").splitlines()) <= 30, name
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("name", list(PRINTED)[:7])
-def test_a_program_runs(
-    name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_program_runs(name: str, folder: Path, printed: Printed, monkeypatch: pytest.MonkeyPatch) -> None:
     if name == "own_recovery.py":
         monkeypatch.syspath_prepend(EXAMPLES)
-    printed(name, monkeypatch, capsys)
+    printed(name)
     assert name != "walk.py" or (folder / "walk.png").stat().st_size > 10_000
 
 
-@pytest.mark.slow
-def test_servos_are_identified_from_the_log_of_a_bench(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_servos_are_identified_from_the_log_of_a_bench(folder: Path, printed: Printed) -> None:
     log = write_run(folder / "bench.json", bench_run(1))
-    out = printed("identify_servos.py", monkeypatch, capsys, str(log))
+    out = printed("identify_servos.py", str(log))
     (dead_time_s,) = re.findall(r"dead_time_s: ([\d.]+) s", out)
     assert float(dead_time_s) == pytest.approx(TRUTH.dead_time_s, abs=0.004)
 
 
-@pytest.mark.slow
-def test_a_gamepad_drives_forward(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_gamepad_drives_forward(folder: Path, printed: Printed) -> None:
     pad = folder / "event5"
     os.mkfifo(pad)
 
@@ -103,62 +93,37 @@ def test_a_gamepad_drives_forward(
 
     player = threading.Thread(target=play)
     player.start()
-    out = printed("gamepad.py", monkeypatch, capsys, str(pad))
+    out = printed("gamepad.py", str(pad))
     player.join()
     assert float(re.findall(r"walked ([\d.]+)", out)[0]) > 0.05
 
 
-class _Publisher:
-    """Collects messages instead of the middleware of ROS."""
-
-    def __init__(self) -> None:
-        self.sent: list[Any] = []
-
-    def publish(self, message: Any) -> None:
-        self.sent.append(message)
-
-
-@pytest.fixture
-def ros(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """Stand-ins for rclpy and geometry_msgs, which a ROS installation has."""
-    publisher = _Publisher()
-    made: dict[str, Any] = {"publisher": publisher}
+def test_ros_velocities_end_with_zero(printed: Printed, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether the robot follows such messages, tests/server/ros/test_bridge.py shows with a peer of ROS."""
+    sent: dict[str, list[float]] = {}
 
     class Twist:
         def __init__(self) -> None:
             self.linear, self.angular = (types.SimpleNamespace(x=0.0, y=0.0, z=0.0) for _ in range(2))
 
-    def create_publisher(kind: type, topic: str, _depth: int) -> _Publisher:
-        made.update(kind=kind, topic=topic)
-        return publisher
+    def create_publisher(_kind: type, topic: str, _depth: int) -> Any:
+        speeds = sent.setdefault(topic, [])
+        return types.SimpleNamespace(publish=lambda message: speeds.append(message.linear.x))
 
     node = types.SimpleNamespace(create_publisher=create_publisher, destroy_node=lambda: None)
     rclpy = types.SimpleNamespace(init=lambda: None, create_node=lambda _: node, shutdown=lambda: None)
     monkeypatch.setitem(sys.modules, "rclpy", rclpy)
     monkeypatch.setitem(sys.modules, "geometry_msgs", types.ModuleType("geometry_msgs"))
     monkeypatch.setitem(sys.modules, "geometry_msgs.msg", types.SimpleNamespace(Twist=Twist))
-    return made
+    printed("ros_velocity.py")
+    *speeds, last = sent["cmd_vel"]
+    assert len(speeds) >= 24
+    assert last == 0.0
+    assert set(speeds) == {0.1}
 
 
-@pytest.mark.slow
-def test_ros_velocities_end_with_zero(
-    ros: dict[str, Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Whether the robot follows such messages, tests/server/ros/test_bridge.py shows with a peer of ROS."""
-    printed("ros_velocity.py", monkeypatch, capsys)
-    speeds = [message.linear.x for message in ros["publisher"].sent]
-    assert ros["topic"] == "cmd_vel"
-    assert len(speeds) >= 25
-    assert speeds[-1] == 0.0
-    assert set(speeds[:-1]) == {0.1}
-
-
-ROOT = Path(__file__).parents[2]
-
-
-@pytest.mark.slow
 def test_a_policy_that_goes_straight_reaches_the_goal_and_again_after_a_reset() -> None:
-    example = runpy.run_path(str(ROOT / "examples" / "drive_gym.py"))
+    example = runpy.run_path(str(EXAMPLES / "drive_gym.py"))
     steps, away_m = example["walk_to_goal"]()
     assert away_m < example["REACHED_M"]
     assert steps < 100
@@ -170,10 +135,9 @@ def test_a_policy_that_goes_straight_reaches_the_goal_and_again_after_a_reset() 
     env.close()
 
 
-NOTEBOOKS = sorted((Path(__file__).parents[2] / "examples").glob("*.ipynb"))
+NOTEBOOKS = sorted(EXAMPLES.glob("*.ipynb"))
 
 
-@pytest.mark.slow
 @pytest.mark.long
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
 def test_a_notebook_runs(path: Path, tmp_path: Path) -> None:
@@ -184,7 +148,6 @@ def test_a_notebook_runs(path: Path, tmp_path: Path) -> None:
     nbclient.NotebookClient(notebook, timeout=120, resources={"metadata": {"path": str(tmp_path)}}).execute()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
 def test_a_notebook_is_kept_with_its_outputs(path: Path) -> None:
     """Readers see tables and figures without running it; it was run from top to bottom."""

@@ -40,7 +40,7 @@ def test_good_servos_pass_and_bad_ones_fail(tmp_path: Path) -> None:
     (tmp_path / "test_mine.py").write_text(BROKEN, encoding="utf-8")
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-q", "-rf", str(tmp_path)],
-        cwd=Path(__file__).parents[2],
+        cwd=Path(__file__).parents[1],
         capture_output=True,
         text=True,
         timeout=120,
