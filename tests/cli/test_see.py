@@ -98,7 +98,7 @@ def test_a_camera_that_is_not_there_is_a_fault(tmp_path: Path, call: Call) -> No
 def test_the_command_takes_a_video(call: Call, tmp_path: Path) -> None:
     import cv2
 
-    from tests.vision.detection.test_lens_calibration import LENSES, pictures, ray_error_px
+    from tests.vision.test_detection_lenses import LENSES, pictures, ray_error_px
 
     video = tmp_path / "board.avi"
     writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 30, (640, 480), False)

@@ -20,6 +20,7 @@ from tests.robot.hexapods import (
     FEMUR_M,
     LIMIT,
     MOUNTS,
+    SHIN,
     TIBIA_M,
     TRUNK,
     fixed,
@@ -93,18 +94,16 @@ def test_what_does_not_cover_the_trunk_is_not_its_size(trunk: str, tmp_path: Pat
     assert both.content["body"]["size_m"] == pytest.approx([0.22, 0.18, 0.05])
 
 
-FEET: dict[str, dict[str, Any]] = {
-    "a frame near the knee": {"more_per_leg": fixed("s{n}", "t{n}", xyz="0.03 0 0"), "foot": ""},
+#: Legs without a shin and a frame for the foot, but with something else.
+FEET: dict[str, dict[str, str]] = {
+    "a frame near the knee": {"shin": SHIN, "more_per_leg": fixed("s{n}", "t{n}", xyz="0.03 0 0")},
     "a long part at the knee": {
         "shin": solid('<box size="0.03 0.02 0.02"/>'),
-        "foot": "",
         "more_per_leg": fixed(
             "p{n}", "t{n}", solid(f'<box size="{TIBIA_M} 0.01 0.01"/>', f"{TIBIA_M / 2} 0 0")
         ),
     },
     "a part beyond the frame of an ankle": {
-        "shin": "",
-        "foot": "",
         "more_per_leg": fixed(
             "a{n}",
             "t{n}",
@@ -112,21 +111,20 @@ FEET: dict[str, dict[str, Any]] = {
             "0.07 0 0",
         ),
     },
-    "a ball": {"foot": "", "shin": solid('<sphere radius="0.012"/>', f"{TIBIA_M} 0 0")},
-    "a foot on a spring": {"foot": "prismatic"},
-    "a foot that turns about itself": {"foot": "continuous", "shin": ""},
-    "a foot on a floating joint": {"foot": "floating", "shin": ""},
+    "a ball": {"shin": solid('<sphere radius="0.012"/>', f"{TIBIA_M} 0 0")},
+    "a foot on a spring": {"shin": SHIN, "foot": "prismatic"},
+    "a foot that turns about itself": {"foot": "continuous"},
+    "a foot on a floating joint": {"foot": "floating"},
     "a ball on a planar joint": {
-        "shin": "",
-        "foot": "",
-        "more_per_leg": fixed("b{n}", "t{n}", solid('<sphere radius="0.011"/>'), f"{TIBIA_M} 0 0", "planar"),
+        "more_per_leg": fixed("b{n}", "t{n}", solid('<sphere radius="0.011"/>'), f"{TIBIA_M} 0 0", "planar")
     },
 }
 
 
 @pytest.mark.parametrize("case", FEET)
 def test_the_foot_is_the_far_end_of_all_that_is_fixed_to_the_tibia(case: str, tmp_path: Path) -> None:
-    made = imported(tmp_path, hexapod(**FEET[case]))
+    parts: dict[str, Any] = {"shin": "", "foot": "", **FEET[case]}
+    made = imported(tmp_path, hexapod(**parts))
     assert length_m(made) == pytest.approx(TIBIA_M, abs=1e-6)
     assert "links.tibia.end_m" not in made.unknown
 
