@@ -62,7 +62,6 @@ def hexapod(
     root_rpy: str = "0 0 0",
     limits: tuple[str, str, str] = (LIMIT, LIMIT, LIMIT),
     dynamics: str = "",
-    knee_rpy: str = "0 1.1 0",
     foot_y_m: float = 0.0,
     foot: str = "fixed",
     mounts: Sequence[tuple[float, float, float]] = MOUNTS,
@@ -78,7 +77,7 @@ def hexapod(
         places = (
             f'xyz="{at_x} {at_y} 0" rpy="0 0 {math.radians(yaw)}"',
             f'xyz="{COXA_M} 0 0"',
-            f'xyz="{FEMUR_M} 0 0" rpy="{knee_rpy}"',
+            f'xyz="{FEMUR_M} 0 0" rpy="0 1.1 0"',
         )
         names, axes = ("base", f"c{n}", f"f{n}", f"t{n}"), ("0 0 1", "0 -1 0", "0 -1 0")
         for index, (place, axis) in enumerate(zip(places, axes, strict=True)):

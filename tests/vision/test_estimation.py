@@ -127,11 +127,6 @@ class Followed:
         position_m2 = np.square(off[:, :2]).sum(axis=1)
         return float(np.sqrt(np.nanmean(position_m2))), float(np.sqrt(np.nanmean(yaw_deg**2)))
 
-    def error_at(self, at_s: float) -> float:
-        """Distance from the truth at a time, in m."""
-        place = int(np.searchsorted(self.times_s, at_s))
-        return float(np.hypot(*(self.poses - self.true)[place, :2]))
-
     def greatest_jump_m(self) -> float:
         """How much farther than the robot the published pose went between two pictures; not at restarts."""
         whole = np.array([before.restarts == after.restarts for before, after in pairwise(self.estimates)])
@@ -216,7 +211,8 @@ def test_wild_sightings_are_not_believed() -> None:
 @pytest.mark.slow
 def test_two_seconds_without_sight_are_bridged() -> None:
     course = followed(driven("ant", STOPPING, world="real:3"), Eye(gap_s=(5.0, 7.0)))
-    assert course.error_at(7.0) < 0.025
+    off_m = (course.poses - course.true)[np.searchsorted(course.times_s, 7.0), :2]
+    assert np.hypot(*off_m) < 0.025
     assert course.greatest_jump_m() < 0.02
     bridging = course.estimates[int(6.9 * 30)]
     before = course.estimates[int(4.9 * 30)]

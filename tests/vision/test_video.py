@@ -25,14 +25,21 @@ def port_of(server: MjpegServer) -> int:
     return port
 
 
-def got(server: MjpegServer, path: str, host: str | None = None) -> tuple[int, bytes]:
-    """Status and content of an answer."""
+@contextmanager
+def answered(
+    server: MjpegServer, path: str = STREAM_PATH, host: str | None = None
+) -> Iterator[http.client.HTTPResponse]:
+    """The answer to a client without buffers."""
     connection = http.client.HTTPConnection(urlsplit(server.url).hostname or "", port_of(server), timeout=10)
     connection.request("GET", path, headers={} if host is None else {"Host": host})
-    answer = connection.getresponse()
-    content = answer.read()
+    yield connection.getresponse()
     connection.close()
-    return answer.status, content
+
+
+def got(server: MjpegServer, path: str, host: str | None = None) -> tuple[int, bytes]:
+    """Status and content of an answer."""
+    with answered(server, path, host) as answer:
+        return answer.status, answer.read()
 
 
 def test_a_client_that_takes_nothing_holds_nobody_up_and_then_gets_the_newest() -> None:
@@ -63,31 +70,17 @@ def test_a_page_is_there_for_this_computer() -> None:
             MjpegServer(port_of(server))
 
 
-@contextmanager
-def streaming(server: MjpegServer) -> Iterator[http.client.HTTPResponse]:
-    """A stream that a client without buffers reads."""
-    connection = http.client.HTTPConnection("127.0.0.1", port_of(server), timeout=10)
-    connection.request("GET", STREAM_PATH)
-    yield connection.getresponse()
-    connection.close()
-
-
-def test_more_clients_than_allowed_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_more_clients_than_allowed_are_refused_and_its_end_ends_all_streams(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(mjpeg, "MOST_CLIENTS", 1)
     with MjpegServer() as server:
         server.publish(b"picture")
-        with streaming(server) as first, streaming(server) as second:
+        with answered(server) as first, answered(server) as second:
             assert first.read(2) == b"--"
             assert (second.status, second.reason) == (503, "too many clients")
-
-
-def test_its_end_ends_all_streams() -> None:
-    with MjpegServer() as server:
-        server.publish(b"picture")
-        with streaming(server) as stream:
-            assert stream.read(2) == b"--"
             server.close()
-            assert stream.read().endswith(b"picture\r\n")
+            assert first.read().endswith(b"picture\r\n")
     with pytest.raises(ConnectionRefusedError):
         got(server, "/")
 
