@@ -93,8 +93,8 @@ def hexapod(
     return "".join([*parts, more, "</robot>"])
 
 
-def imported(folder: Path, text: str, **options: Any) -> ImportedRobot:
+def imported(folder: Path, text: str, name: str | None = None, **options: Any) -> ImportedRobot:
     """What is made of a description, a URDF or an MJCF."""
-    path = folder / ("some.xml" if text.startswith("<mujoco") else "some.urdf")
+    path = folder / (name or ("some.xml" if text.startswith("<mujoco") else "some.urdf"))
     path.write_text(text, encoding="utf-8")
     return import_robot(path, **options)
