@@ -22,17 +22,18 @@ from hexctl.wire.zenoh_session import open_session
 from tests.cli.terminals import OnTerminal
 from tests.client.test_stop_connections import free, seen
 from tests.server.processes import (
-    Cable,
     Served,
     controlling,
     free_port,
+    relayed,
+    repeated,
     served,
     stopped_by_session,
+    swayed,
     wait_until,
 )
 from tests.server.processes import hexctl as hexctl_command
 from tests.server.test_link_faults import STILL_ON_A_BUSY_MACHINE_S, stopped, wait_for_motion
-from tests.server.test_lockout import repeated
 
 pytestmark = pytest.mark.realtime
 
@@ -40,11 +41,8 @@ pytestmark = pytest.mark.realtime
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     """A robot that a controller sways whenever it is not stopped."""
-    folder = tmp_path_factory.mktemp("robot")
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setenv("XDG_STATE_HOME", str(folder / "state"))
-        with served(folder) as robot, controlling(folder, robot.endpoint, "again=1"):
-            yield robot
+    with swayed(tmp_path_factory.mktemp("robot")) as robot:
+        yield robot
 
 
 @pytest.fixture
@@ -81,9 +79,9 @@ def test_both_ways_confirm_one_stop_that_is_cleared_by_its_id(walking: Served) -
 
 
 def test_a_session_stops_where_no_datagram_comes_through(walking: Served) -> None:
-    with Cable(walking.endpoint) as cable:  # which carries TCP only
+    with relayed(walking.endpoint) as (endpoint, _):
         at_s = time.monotonic()
-        result = estop(connect=cable.endpoint)
+        result = estop(connect=endpoint)
         assert rests(walking, at_s)
     assert result.ways == ("session",)
     assert result.at_rest

@@ -1,21 +1,19 @@
-"""Robots and controllers in processes, on loopback and free ports, and a cable that can be cut."""
+"""Robots and controllers in processes, on loopback and free ports, and a relay that can be cut."""
 
 import contextlib
 import io
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 
 from faults.process import free_port as free_port
 from hexctl.cli.main import exit_code
@@ -165,13 +163,17 @@ def served(
     name: str = "robot",
     keys: Path | None = None,
 ) -> Iterator[Served]:
-    """Serve a robot in a process of its own until the block ends, over TLS where there are keys."""
+    """Serve a robot in a process of its own until the block ends, over TLS where there are keys.
+
+    A stop is kept in the folder, for a later server of it.
+    """
     endpoint = f"{'tcp' if keys is None else 'tls'}/127.0.0.1:{port or free_port()}"
     options = options if keys is None else (*options, "--keys", str(keys))
     log_path = folder / f"{name}.servos"
     log_path.touch()
     arguments = ("hexctl", "serve", "--backend", backend, "--listen", endpoint, *options)
-    with program(folder, name, *arguments, **{VARIABLE: str(log_path)}) as running:
+    variables = {VARIABLE: str(log_path), "XDG_STATE_HOME": str(folder / "state")}
+    with program(folder, name, *arguments, **variables) as running:
         running.wait_for("serving")
         yield Served(running.process, running.output, name, endpoint, log_path, keys)
 
@@ -179,8 +181,37 @@ def served(
 @contextmanager
 def controlling(folder: Path, endpoint: str, *options: str, name: str = "controller") -> Iterator[Program]:
     """Let a controller of its own process sway all joints until the block ends."""
-    with program(folder, name, "tests.server.swaying", endpoint, *options) as running:
+    with program(folder, name, "tests.server.programs", "sway", endpoint, *options) as running:
         yield running
+
+
+@contextmanager
+def swayed(folder: Path, *, keys: Path | None = None) -> Iterator[Served]:
+    """Serve a robot that a controller sways whenever it is not stopped."""
+    options = ("again=1",) if keys is None else ("again=1", f"keys={keys}")
+    with served(folder, keys=keys) as robot, controlling(folder, robot.endpoint, *options) as controller:
+        controller.wait_for("moving")
+        yield robot
+
+
+@contextmanager
+def repeated(act: Callable[[], object], period_s: float) -> Iterator[None]:
+    """Do something again and again on a thread until the block ends."""
+    until = threading.Event()
+
+    def run() -> None:
+        while not until.is_set():
+            with suppress(OSError):
+                act()
+            until.wait(period_s)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield
+    finally:
+        until.set()
+        thread.join()
 
 
 def hexctl(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -203,65 +234,19 @@ def hexctl_process(*arguments: str, timeout_s: float = TIMEOUT_S) -> subprocess.
     )
 
 
-class Cable:
-    """Listens on a free port of loopback and forwards to an endpoint.
+@contextmanager
+def relayed(endpoint: str) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """Where a relay listens that passes on to an endpoint, over TCP only, and the relay's process.
 
-    Attributes:
-        endpoint: where a controller connects instead.
+    A frozen relay holds what is sent, as a pulled plug does; a killed one closes the connections.
     """
-
-    def __init__(self, endpoint: str) -> None:
-        host, _, port = endpoint.partition("/")[2].rpartition(":")
-        self._target = (host, int(port))
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self.endpoint = f"tcp/127.0.0.1:{self._listener.getsockname()[1]}"
-        self._flows = threading.Event()
-        self._flows.set()
-        self._sockets: list[socket.socket] = []
-        threading.Thread(target=self._accept, daemon=True).start()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._flows.set()
-        for end in (self._listener, *self._sockets):
-            end.close()
-
-    def cut(self, how: str) -> float:
-        """Hold what is sent, as a pulled plug does, or close the connections; return when."""
-        self._flows.clear()
-        if how == "close":
-            for end in self._sockets:
-                with contextlib.suppress(OSError):
-                    end.shutdown(socket.SHUT_RDWR)
-            self._sockets.clear()
-        return time.monotonic()
-
-    def mend(self) -> None:
-        """Let everything flow again, what was held first."""
-        self._flows.set()
-
-    def _accept(self) -> None:
-        while True:
-            try:
-                near, _ = self._listener.accept()
-                far = socket.create_connection(self._target)
-            except OSError:
-                return
-            self._sockets += [near, far]
-            for source, sink in ((near, far), (far, near)):
-                threading.Thread(target=self._forward, args=(source, sink), daemon=True).start()
-
-    def _forward(self, source: socket.socket, sink: socket.socket) -> None:
+    port = endpoint.rpartition(":")[2]
+    words = [sys.executable, "-u", "-m", "faults.programs.relay", "tcp", port, "1"]
+    with subprocess.Popen(
+        words, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
         try:
-            while data := source.recv(65_536):
-                self._flows.wait()
-                sink.sendall(data)
-        except OSError:
-            pass
+            yield f"tcp/127.0.0.1:{process.stdout.readline().split()[-1]}", process
         finally:
-            source.close()
-            sink.close()
+            process.kill()

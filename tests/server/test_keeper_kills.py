@@ -40,7 +40,7 @@ LAST_MOTION_S, STILL_RAD = 0.25, 0.02
     [("dynamixel", "xl430-w250"), ("dynamixel", "ax12a"), ("feetech", "sts3215"), ("lx16a", "lx16a")],
 )
 def test_a_server_that_goes_in_mid_walk_leaves_the_robot_at_rest(
-    driver: str, model: str, number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    driver: str, model: str, number: signal.Signals, tmp_path: Path
 ) -> None:
     """Fifty times; the keeper then holds the robot, as its file says."""
     content = {**FITTING, "model": model, "if_computer_dies": "hold"}
@@ -51,12 +51,11 @@ def test_a_server_that_goes_in_mid_walk_leaves_the_robot_at_rest(
         if len(last_motions_s) == KILLS:
             break
         robot = MockServos(load_robot_file(file).robot)
-        monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / f"state{kill}"))  # a stop outlasts its server
+        folder = tmp_path / f"kill{kill}"  # a stop outlasts its server
+        folder.mkdir()
         with (
             bus_board(bus_map, servos=robot) as bus,
-            served(
-                tmp_path, "--robot", str(file), "--connect", bus.path, backend=driver, name=f"robot{kill}"
-            ) as server,
+            served(folder, "--robot", str(file), "--connect", bus.path, backend=driver) as server,
         ):
             moved = threading.Event()
             walking = threading.Thread(target=_walk_until_it_fails, args=(server.endpoint, str(file), moved))

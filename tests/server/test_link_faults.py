@@ -18,7 +18,7 @@ from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.stop import HOLD_S, claim_of, new_clear_key
 from hexctl.wire.zenoh_session import open_session
 from tests.robots import shipped
-from tests.server.processes import Cable, Served, controlling, hexctl, program, served, wait_until
+from tests.server.processes import Served, controlling, hexctl, program, relayed, served, wait_until
 from tests.server.recorded import ServoLog
 
 pytestmark = pytest.mark.realtime
@@ -60,12 +60,9 @@ def wait_for_motion(robot: Served) -> None:
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     """A robot for all tests that do not end it."""
-    folder = tmp_path_factory.mktemp("robot")
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setenv("XDG_STATE_HOME", str(folder / "state"))
-        with served(folder) as robot:
-            yield robot
-            check_limits(robot.log())
+    with served(tmp_path_factory.mktemp("robot")) as robot:
+        yield robot
+        check_limits(robot.log())
 
 
 def test_a_controller_that_is_killed_or_stopped_leaves_the_robot_frozen_until_a_new_lease(
@@ -86,15 +83,16 @@ def test_a_controller_that_is_killed_or_stopped_leaves_the_robot_frozen_until_a_
         following.wait_for("moving")
 
 
-@pytest.mark.parametrize("how", ["hold", "close"])
+@pytest.mark.parametrize("cut", [signal.SIGSTOP, signal.SIGKILL], ids=["held", "closed"])
 def test_a_link_that_is_cut_freezes_the_robot_and_what_waited_in_it_moves_nothing(
-    robot: Served, tmp_path: Path, how: str
+    robot: Served, tmp_path: Path, cut: signal.Signals
 ) -> None:
-    with Cable(robot.endpoint) as cable, controlling(tmp_path, cable.endpoint) as controller:
+    with relayed(robot.endpoint) as (endpoint, relay), controlling(tmp_path, endpoint) as controller:
         controller.wait_for("moving")
-        at_s = cable.cut(how)
+        at_s = time.monotonic()
+        relay.send_signal(cut)
         wait_until(lambda: stopped(robot) == "expired", "the stop")
-        cable.mend()
+        relay.send_signal(signal.SIGCONT)
         assert controller.wait() == 3
         time.sleep(0.3)
         assert robot.log().moved_after(at_s) <= STILL_ON_A_BUSY_MACHINE_S

@@ -5,7 +5,6 @@ import random
 import signal
 import socket
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -25,7 +24,7 @@ from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.stop import HOLD_S
 from hexctl.wire.stop_datagram import DATAGRAM_BYTES, Kind, StopDatagram, find_stop_secret, mark_of
 from hexctl.wire.zenoh_session import open_session
-from tests.server.processes import Served, controlling, hexctl_process, program, served, wait_until
+from tests.server.processes import Served, hexctl_process, program, repeated, served, swayed, wait_until
 from tests.server.test_link_faults import wait_for_motion
 
 pytestmark = pytest.mark.realtime
@@ -50,26 +49,6 @@ SILENT = 300
 
 #: The beginning of a TLS handshake that goes no further: a record of a client's hello, cut off.
 ABORTED = bytes.fromhex("16030100c8010000c40303") + bytes(40)
-
-
-@contextmanager
-def repeated(act: Callable[[], object], period_s: float) -> Iterator[None]:
-    """Do something again and again on a thread until the block ends."""
-    until = threading.Event()
-
-    def run() -> None:
-        while not until.is_set():
-            with suppress(OSError):
-                act()
-            until.wait(period_s)
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    try:
-        yield
-    finally:
-        until.set()
-        thread.join()
 
 
 @contextmanager
@@ -131,7 +110,7 @@ def garbage(port: int, mark: bytes = b"") -> Iterator[None]:
 def recorded_question(robot: Served, per_s: float) -> Iterator[None]:
     """The question of a client that was recorded on the network, sent again and again by another process."""
     recorded = StopDatagram(kind=Kind.ASK, nonce=b"recorded").packed(secret_of(robot))
-    arguments = ("tests.server.flooder", str(robot.port), recorded.hex(), str(per_s))
+    arguments = ("tests.server.programs", "flood", str(robot.port), recorded.hex(), str(per_s))
     with program(robot.log_path.parent, "flooder", *arguments) as flooder:
         flooder.wait_for("flooding")
         yield
@@ -152,10 +131,15 @@ class Attacked:
     link: Link
     session: Any
 
-    def stop(self, attack: Callable[[Served], Any], *, times: int, ready: bool = False) -> list["Stopped"]:
-        """Stop the robot again and again while it is attacked, and clear the stop as who asked for it."""
+    def stop(
+        self, attack: Callable[[Served], Any], *, times: int, ready: bool = False
+    ) -> tuple[list[float], list[StopResult]]:
+        """Stop the robot again and again while it is attacked, and clear the stop as who asked for it.
+
+        For how long the robot moved on after each press, in s, and what the client found.
+        """
         place: dict[str, Any] = {"connect": self.link.endpoint, "credentials": self.link.credentials}
-        stops = []
+        motions_s, results = [], []
         with attack(self.robot):
             for _ in range(times):
                 wait_for_motion(self.robot)
@@ -164,19 +148,11 @@ class Attacked:
                     if armed is not None:
                         wait_until(lambda: "datagram" in armed.reach.ways, "the robot")  # noqa: B023
                     at_s = time.monotonic()
-                    result = estop(**place) if armed is None else armed.wait_for_rest()
+                    results.append(estop(**place) if armed is None else armed.wait_for_rest())
                 time.sleep(0.1)
-                stops.append(Stopped(self.robot.log().moved_after(at_s), result))
+                motions_s.append(self.robot.log().moved_after(at_s))
                 clear(self.session, self.link)
-        return stops
-
-
-@dataclass
-class Stopped:
-    """For how long a robot moved on after a press, in s, and what the client found."""
-
-    motion_s: float
-    result: StopResult
+        return motions_s, results
 
 
 @pytest.fixture(scope="module")
@@ -184,31 +160,20 @@ def attacked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Attacked]:
     folder = tmp_path_factory.mktemp("attacked")
     keys = folder / "keys"
     make_certificates(keys, hosts=["127.0.0.1"], days=1)
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setenv("XDG_STATE_HOME", str(folder / "state"))
-        with (
-            served(folder, keys=keys) as robot,
-            controlling(folder, robot.endpoint, "again=1", f"keys={keys}") as controller,
-        ):
-            controller.wait_for("moving")
-            link = Link(endpoint=robot.endpoint, credentials=keys)
-            with open_session(link, Role.CONTROLLER, KEYS) as session:
-                yield Attacked(robot, link, session)
+    with swayed(folder, keys=keys) as robot:
+        link = Link(endpoint=robot.endpoint, credentials=keys)
+        with open_session(link, Role.CONTROLLER, KEYS) as session:
+            yield Attacked(robot, link, session)
 
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Served, Any]]:
     """A robot that is swayed, and a session to it."""
-    folder = tmp_path_factory.mktemp("plain")
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setenv("XDG_STATE_HOME", str(folder / "state"))
-        with (
-            served(folder) as robot,
-            controlling(folder, robot.endpoint, "again=1") as controller,
-            open_session(Link(endpoint=robot.endpoint), Role.CONTROLLER, KEYS) as session,
-        ):
-            controller.wait_for("moving")
-            yield robot, session
+    with (
+        swayed(tmp_path_factory.mktemp("plain")) as robot,
+        open_session(Link(endpoint=robot.endpoint), Role.CONTROLLER, KEYS) as session,
+    ):
+        yield robot, session
 
 
 def clear(session: Any, link: Link) -> None:
@@ -240,11 +205,11 @@ LONG_ATTACKS: dict[str, tuple[Callable[[Served], Any], float]] = {
 
 @pytest.mark.parametrize("name", ATTACKS)
 def test_a_robot_is_stopped_although_it_is_attacked(attacked: Attacked, name: str) -> None:
-    stops = attacked.stop(ATTACKS[name], times=FEW)
-    assert max(stop.motion_s for stop in stops) <= RESTS_ON_A_BUSY_MACHINE_S
-    assert all(stop.result.at_rest for stop in stops)
+    motions_s, results = attacked.stop(ATTACKS[name], times=FEW)
+    assert max(motions_s) <= RESTS_ON_A_BUSY_MACHINE_S
+    assert all(result.at_rest for result in results)
     if name != "garbage datagrams with the mark":  # a flood of which the robot has to read each
-        assert all("datagram" in stop.result.ways for stop in stops)
+        assert all("datagram" in result.ways for result in results)
 
 
 @pytest.mark.soak
@@ -255,15 +220,14 @@ def test_a_robot_is_stopped_a_hundred_times_of_a_hundred_although_it_is_attacked
 ) -> None:
     times = int(os.environ.get("HEXCTL_TEST_STOPS", MANY))
     attack, confirmed_s = LONG_ATTACKS[name]
-    stops = attacked.stop(attack, times=times, ready=ready)
-    motions_s = np.array([stop.motion_s for stop in stops])
+    motions_s, results = attacked.stop(attack, times=times, ready=ready)
     sys.stderr.write(
-        f"\n{name}: {times} stops, median {np.median(motions_s):.3f}, max {motions_s.max():.3f} s\n"
+        f"\n{name}: {times} stops, median {np.median(motions_s):.3f}, max {max(motions_s):.3f} s\n"
     )
-    assert len(stops) == times
-    assert motions_s.max() <= max(RESTS_S, confirmed_s)
-    assert max(stop.result.took_s for stop in stops) <= confirmed_s
-    assert all(stop.result.at_rest for stop in stops)
+    assert len(results) == times
+    assert max(motions_s) <= max(RESTS_S, confirmed_s)
+    assert max(result.took_s for result in results) <= confirmed_s
+    assert all(result.at_rest for result in results)
 
 
 class StubbornClient:
@@ -341,7 +305,7 @@ TOGETHER, CLOSING_S = 20, 12.0
 def test_frozen_viewers_keep_out_no_controller(tmp_path: Path, processes: int) -> None:
     """Viewers that subscribe and whose processes are stopped, so that nothing is read."""
     with served(tmp_path) as robot, ExitStack() as stack:
-        arguments = ("tests.server.viewing", robot.endpoint, str(TOGETHER))
+        arguments = ("tests.server.programs", "view", robot.endpoint, str(TOGETHER))
         viewers = [
             stack.enter_context(program(tmp_path, f"viewers-{number}", *arguments))
             for number in range(processes)

@@ -1,22 +1,39 @@
-"""The page: a client that drives, and everyone who must not."""
+"""The page: a client that drives, everyone who must not, and floods, in which stops come through in time."""
 
 import http.client
+import itertools
 import json
 import socket
+import ssl
+import subprocess
+import sys
+import threading
+import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
 from websockets.protocol import State
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
 
 from hexctl.control.drive.arbiter import Arbiter, Decision, Velocity
+from hexctl.control.drive.drive import Drive
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.teleop.drive_page import MOST_CLIENTS, MOST_VIEWERS, PROTOCOL, DrivePage, new_token
+from hexctl.teleop.drive_session import DriveSession
+from hexctl.teleop.page_connection import (
+    CONNECTIONS_S,
+    MESSAGES_S,
+    Addresses,
+    Allowance,
+    LimitedConnection,
+    least_needed,
+)
 from hexctl.teleop.picture_relay import Picture, PictureRelay
 from hexctl.waiting import wait_for
 from hexctl.wire.certificates import find_credentials, make_certificates
@@ -28,6 +45,27 @@ pytestmark = pytest.mark.realtime
 #: What clients have to know, where they have to.
 TOKEN = new_token()
 
+HERE = PageAddress("127.0.0.1", 0)
+
+
+def page_client(
+    page: DrivePage,
+    *,
+    origin: str | None = None,
+    token: str | None = None,
+    path: str = "/drive",
+    **options: Any,
+) -> ClientConnection:
+    """A client of a page, by default from the page itself."""
+    words = [Subprotocol(PROTOCOL), *([] if token is None else [Subprotocol(f"token.{token}")])]
+    own, tls = f"127.0.0.1:{page.port}", "s" if "ssl" in options else ""
+    return connect(
+        f"ws{tls}://{own}{path}",
+        origin=Origin(origin or f"http{tls}://{own}"),
+        subprotocols=words,
+        **options,
+    )
+
 
 class Served:
     """A page, the arbiter behind it, and what it asked for."""
@@ -37,7 +75,7 @@ class Served:
         self.arbiter = Arbiter(lambda: self.now_s)
         self.asked: list[str] = []
         self.page = DrivePage(
-            PageAddress("127.0.0.1", 0),
+            HERE,
             self.arbiter.source("page"),
             Velocity,
             self.asked.append,
@@ -46,14 +84,8 @@ class Served:
             **options,
         )
 
-    def client(
-        self, *, origin: str | None = None, token: str | None = None, path: str = "/drive"
-    ) -> ClientConnection:
-        words = [Subprotocol(PROTOCOL), *([] if token is None else [Subprotocol(f"token.{token}")])]
-        own = f"http://127.0.0.1:{self.page.port}"
-        return connect(
-            f"ws://127.0.0.1:{self.page.port}{path}", origin=Origin(origin or own), subprotocols=words
-        )
+    def client(self, **options: Any) -> ClientConnection:
+        return page_client(self.page, **options)
 
     def drives(self, client: ClientConnection) -> None:
         """A client drives forward."""
@@ -115,7 +147,7 @@ def test_what_is_no_command_moves_nothing() -> None:
             client.send(message)
             client.send(json.dumps({"do": "stand"}))
             robot.does("stand")
-            assert robot.arbiter.decide() == Decision()
+            assert robot.arbiter.decide() == Decision(), message
 
 
 def test_a_long_message_ends_its_connection_alone() -> None:
@@ -128,22 +160,6 @@ def refused(robot: Served, **options: Any) -> int:
     with pytest.raises(InvalidStatus) as caught, robot.client(**options):
         pass
     return int(caught.value.response.status_code)
-
-
-def test_pages_from_elsewhere_are_refused() -> None:
-    with served() as robot:
-        for origin in ("http://evil.example", "null", "http://127.0.0.1:1", "https://127.0.0.1"):
-            assert refused(robot, origin=origin) == 403
-
-
-def test_a_wrong_token_is_refused_and_the_right_one_is_not() -> None:
-    with served(token=TOKEN) as robot:
-        assert TOKEN not in robot.page.url
-        assert refused(robot) == 403
-        assert refused(robot, token="x" * 12) == 403
-        with robot.client(token=TOKEN) as client:
-            robot.drives(client)
-            assert client.subprotocol == PROTOCOL
 
 
 def get(port: int, path: str = "/", host: str | None = None) -> tuple[int, str, bytes]:
@@ -189,19 +205,11 @@ def test_a_port_in_use_is_a_fault_that_names_the_option() -> None:
 
 
 def test_with_certificates_it_is_served_over_tls(tmp_path: Path) -> None:
-    import ssl
-
     make_certificates(tmp_path / "keys", hosts=["127.0.0.1"], days=2)
     with served(credentials=find_credentials(tmp_path / "keys", Role.ROBOT), token=TOKEN) as robot:
         assert robot.page.url.startswith("https://127.0.0.1:")
         context = ssl.create_default_context(cafile=tmp_path / "keys" / "robot" / "ca.pem")
-        own = f"127.0.0.1:{robot.page.port}"
-        with connect(
-            f"wss://{own}/drive",
-            ssl=context,
-            origin=Origin(f"https://{own}"),
-            subprotocols=[Subprotocol(PROTOCOL), Subprotocol(f"token.{TOKEN}")],
-        ) as client:
+        with robot.client(ssl=context, token=TOKEN) as client:
             robot.drives(client)
 
 
@@ -250,17 +258,16 @@ def test_a_viewer_that_takes_nothing_holds_nobody_up(pictures: PictureRelay) -> 
         robot.does("stop")
 
 
-def test_what_a_camera_sees_needs_the_token_and_a_page_of_ours(pictures: PictureRelay) -> None:
+def test_a_page_of_elsewhere_and_a_wrong_token_are_refused(pictures: PictureRelay) -> None:
+    elsewhere = ("http://evil.example", "null", "http://127.0.0.1:1", "https://127.0.0.1")
+    wrong = [{}, {"token": "x" * 12}, *({"token": TOKEN, "origin": origin} for origin in elsewhere)]
     with served(pictures=pictures, token=TOKEN) as robot:
-        for path in ("/drive", "/view"):
-            for wrong in (
-                {"token": None},
-                {"token": "wrong"},
-                {"token": TOKEN, "origin": "http://elsewhere"},
-            ):
-                assert refused(robot, path=path, **wrong) == 403
-            with robot.client(path=path, token=TOKEN):
-                pass
+        assert TOKEN not in robot.page.url
+        for path, options in itertools.product(("/drive", "/view"), wrong):
+            assert refused(robot, path=path, **options) == 403
+        with robot.client(path="/view", token=TOKEN), robot.client(token=TOKEN) as client:
+            robot.drives(client)
+            assert client.subprotocol == PROTOCOL
 
 
 def test_those_who_look_do_not_keep_out_who_drives(pictures: PictureRelay) -> None:
@@ -282,3 +289,164 @@ def test_idle_clients_give_way_to_a_new_one_and_the_one_that_drives_stays() -> N
         robot.does("stop")
         wait_for(lambda: idle[0].state is State.CLOSED, 5.0, "the client that was silent for longest stays")
         assert [one.state is State.OPEN for one in (driver, *idle[1:])] == [True] * (MOST_CLIENTS - 1)
+
+
+#: How long a stop may take until the tick that obeys it.
+STOP_S = 0.3
+
+#: A stop that takes longer counts as lost.
+LOST_S = 5.0
+
+#: Stops of each flood: in the ordinary tests, and in the soak test.
+FEW, MANY = 3, 100
+
+FLOODS = [*itertools.product(("valid", "invalid", "gait"), ("30", "1500", "full")), ("connect", "full")]
+
+
+def test_an_allowance_fills_up_to_what_is_allowed_in_a_second() -> None:
+    now_s = 0.0
+    allowance = Allowance(10, lambda: now_s)
+    assert [allowance.take() for _ in range(11)] == [True] * 10 + [False]
+    now_s = 0.25
+    assert [allowance.take() for _ in range(3)] == [True, True, False]
+    now_s = 100.0
+    assert not allowance.take(11)
+    assert allowance.take(10)
+
+
+def test_an_address_that_connects_too_often_is_refused_and_others_are_not() -> None:
+    addresses = Addresses(lambda: 0.0)
+    admitted = [addresses.admit("192.0.2.1") for _ in range(200)]
+    assert sum(admitted) == CONNECTIONS_S
+    assert addresses.admit("192.0.2.2")
+
+
+@dataclass
+class Connected:
+    """A connection, as far as its place goes."""
+
+    address: str
+    begun_at_s: float
+    has_spoken: bool = False
+
+
+def test_an_address_with_many_connections_takes_no_place_of_another() -> None:
+    alone, crowd = Connected("192.0.2.1", 0.0), [Connected("192.0.2.2", at_s) for at_s in (3.0, 1.0, 2.0)]
+    connections = cast("list[LimitedConnection]", [alone, *crowd])
+    for newcomer in ("192.0.2.1", "192.0.2.2", "192.0.2.3"):
+        assert least_needed(connections, newcomer).begun_at_s == 1.0
+
+
+def test_a_page_that_was_there_keeps_its_place_from_later_ones_of_its_address() -> None:
+    page = Connected("192.0.2.1", 0.0, has_spoken=True)
+    silent, speaking = Connected("192.0.2.1", 1.0), Connected("192.0.2.1", 2.0, has_spoken=True)
+    for others, expected in (([silent, speaking], silent), ([speaking], speaking)):
+        connections = cast("list[LimitedConnection]", [page, *others])
+        assert least_needed(connections, "192.0.2.1") is cast("LimitedConnection", expected)
+
+
+class Driven:
+    """A robot that is driven with a page, in real time."""
+
+    def __init__(self, drive: Drive) -> None:
+        self.drive = drive
+        self.session = DriveSession(drive)
+        self.page = DrivePage(HERE, drive.arbiter.source("page"), drive.share, self.session.ask)
+
+    def client(self) -> ClientConnection:
+        """A client that has connected, as soon as its address may after a flood."""
+
+        def connected() -> ClientConnection | None:
+            with suppress(WebSocketException, EOFError, OSError):
+                return page_client(self.page, open_timeout=1.0)
+            return None
+
+        client = wait_for(connected, 10.0, "the page takes no client")
+        client.send(json.dumps({"release": True}))  # as the page does at its start
+        return client
+
+    def stop_s(self, client: ClientConnection) -> float:
+        """Time from a client's stop to the tick that obeys it; `LOST_S` for one that is lost."""
+        assert self.drive.decision.stopped is None
+        at_s = time.monotonic()
+        client.send(json.dumps({"do": "stop"}))
+        while self.drive.decision.stopped is None and time.monotonic() - at_s < LOST_S:
+            time.sleep(0.002)
+        return min(LOST_S, time.monotonic() - at_s)
+
+    def stand(self) -> None:
+
+        def stands() -> bool:
+            self.session.ask("stand")
+            return self.drive.decision.stopped is None
+
+        wait_for(stands, 10.0, "the stop is not cleared", poll_s=0.1)
+
+
+@pytest.fixture(scope="module")
+def robot() -> Iterator[Driven]:
+    with Drive("ant", backend="sim", realtime=True) as drive:
+        robot = Driven(drive)
+        with robot.page:
+            walk = threading.Thread(target=robot.session.run, args=([robot.page],))
+            walk.start()
+            try:
+                wait_for(lambda: drive.mode == "driving", 20.0, "the robot does not stand up")
+                yield robot
+            finally:
+                robot.session.ask("quit")
+                walk.join(20.0)
+
+
+@contextmanager
+def flooded(port: int, kind: str, rate: str) -> Iterator[None]:
+    flood = [sys.executable, "-m", "tests.teleop.flooding", str(port), kind, rate]
+    with subprocess.Popen(flood, stdin=subprocess.PIPE) as process:
+        try:
+            yield
+        finally:
+            process.kill()
+
+
+def _drain(client: ClientConnection) -> None:
+    """Take what the robot says, as a page does: one that takes nothing hears no pong either."""
+    with suppress(ConnectionClosed):
+        for _ in client:
+            pass
+
+
+def stops_s(robot: Driven, kind: str, rate: str, times: int) -> list[float]:
+    """Times of stops during a flood."""
+    with robot.client() as client, flooded(robot.page.port, kind, rate):
+        threading.Thread(target=_drain, args=(client,), daemon=True).start()
+        time.sleep(0.5)  # until it floods
+        times_s = []
+        for number in range(times):
+            times_s.append(robot.stop_s(client))
+            robot.stand()
+            time.sleep(0.05 + 0.13 * (number % 5))
+    return times_s
+
+
+@pytest.mark.parametrize("kind", ["valid", "invalid", "gait", "connect"])
+def test_a_flood_at_full_speed_delays_no_stop(robot: Driven, kind: str) -> None:
+    times_s = stops_s(robot, kind, "full", FEW)
+    assert sorted(times_s)[FEW // 2] <= STOP_S, times_s
+    assert max(times_s) <= 2 * STOP_S, times_s  # beside other tests a machine may be busy
+
+
+def test_a_client_that_sends_too_much_is_closed_and_may_connect_again(robot: Driven) -> None:
+    with robot.client() as client:
+        with suppress(ConnectionClosed):
+            for _ in range(2 * int(MESSAGES_S)):
+                client.send(json.dumps({"do": "up"}))
+        wait_for(lambda: client.state is State.CLOSED, 5.0, "the connection is not closed")
+        with robot.client() as again:
+            assert robot.stop_s(again) < LOST_S
+        robot.stand()
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize(("kind", "rate"), FLOODS)
+def test_a_flood_delays_none_of_a_hundred_stops(robot: Driven, kind: str, rate: str) -> None:
+    assert max(stops_s(robot, kind, rate, MANY)) <= STOP_S

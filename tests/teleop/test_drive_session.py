@@ -1,7 +1,6 @@
 """A session in simulation: what devices ask for is done, and release and silence end in a stand in time."""
 
 import math
-import os
 import sys
 import threading
 from collections.abc import Iterator
@@ -17,15 +16,14 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.control.drive.arbiter import Arbiter
 from hexctl.control.drive.drive import Drive
 from hexctl.control.guard import Guard
+from hexctl.robot.rotations import about_z
 from hexctl.teleop.drive_session import DriveSession, Travel, name_of
-from hexctl.teleop.keyboard import Keyboard
-from hexctl.types import N_JOINTS, FloatArray, RobotState
+from hexctl.types import N_JOINTS, RobotState
 from hexctl.waiting import wait_for
 from tests.robots import ROBOT_NAMES
 
 #: A body slower than this is at rest: a thousandth of what `ant` walks.
 REST_M_S = 0.01
-
 
 #: Within what a robot has to be at rest that is let go of, and one that hears nothing more; ticks add up to
 #: a little more or less.
@@ -115,16 +113,18 @@ def test_bodies_rest_in_time_a_hundred_times_of_a_hundred(
 
 
 class Script:
-    """A device that asks for something at ticks, and keeps what it is told."""
+    """A device that asks for something at ticks, and keeps what it is told and what the robot was doing."""
 
     def __init__(self, session: DriveSession, requests: dict[int, str]) -> None:
         self._session, self._requests = session, requests
-        self.tick, self.told = 0, dict[str, Any]()
+        self.told = dict[str, Any]()
+        self.seen: list[tuple[float, float, str]] = []
 
     def poll(self) -> None:
-        if (request := self._requests.get(self.tick)) is not None:
+        if (request := self._requests.get(len(self.seen))) is not None:
             self._session.ask(request)
-        self.tick += 1
+        drive = self._session.drive
+        self.seen.append((drive.body_pose.up_m, drive.velocity.forward_m_s, self._session.said))
 
     def report(self, status: dict[str, Any]) -> None:
         self.told = status
@@ -152,18 +152,9 @@ def test_the_body_goes_no_higher_and_no_lower_than_the_legs_reach() -> None:
         session = DriveSession(drive)
         requests = dict.fromkeys(range(150, 170), "up") | dict.fromkeys(range(400, 430), "down")
         script = Script(session, requests | {600: "level", 700: "quit"})
-        stick, seen = drive.arbiter.source("motion"), list[tuple[float, float, str]]()
-
-        class Watch:
-            def poll(self) -> None:
-                stick.command(drive.share(0.5))
-                seen.append((drive.body_pose.up_m, drive.velocity.forward_m_s, session.said))
-
-            def report(self, status: dict[str, Any]) -> None:
-                pass
-
-        session.run([script, Watch()])
-    highest, lowest, level = seen[395], seen[595], seen[695]
+        drive.command(forward_m_s=drive.share(0.5).forward_m_s)
+        session.run([script])
+    highest, lowest, level = script.seen[395], script.seen[595], script.seen[695]
     assert highest[0] > 0.03 > -0.03 > lowest[0]
     assert min(highest[1], lowest[1]) > 0
     assert highest[2] == lowest[2] == "the legs do not reach further"
@@ -196,16 +187,9 @@ def test_a_new_warning_of_the_servos_is_said() -> None:
     with Drive(servos=Cooking("ant")) as drive:
         session = DriveSession(drive)
         script = Script(session, {500: "quit"})
-        said: dict[int, str] = {}
-
-        class Watch(Script):
-            def poll(self) -> None:
-                super().poll()
-                said[self.tick] = session.said
-
-        session.run([script, Watch(session, {})])
-        assert said[100] == "servos: warm, 62 degrees C: leg 2 femur (id 5)"
-        assert said[500] == ""
+        session.run([script])
+        assert script.seen[100][2] == "servos: warm, 62 degrees C: leg 2 femur (id 5)"
+        assert script.seen[500][2] == ""
         (warned,) = session.warned
         assert warned.endswith(": leg 2 femur (id 5)")
 
@@ -239,43 +223,6 @@ def test_a_stop_while_a_stand_is_being_done_holds(monkeypatch: pytest.MonkeyPatc
         session._do_requests()
         stopper.join(5.0)
         assert drive.arbiter.stopped == "stop button"
-
-
-class Typed(Keyboard):
-    """A keyboard on which keys are pressed at ticks; the greatest speed after each."""
-
-    def __init__(self, session: DriveSession, keys: dict[int, str]) -> None:
-        self._reading, self.writing = os.pipe()
-        drive = session.drive
-        super().__init__(
-            drive.arbiter.source("keyboard"), drive.share, session.ask, self._reading, lambda _: None
-        )
-        self._drive, self._typed = drive, keys
-        self._tick, self._last = 0, ""
-        self.speeds_m_s = dict.fromkeys(keys.values(), 0.0)
-
-    def poll(self) -> None:
-        if keys := self._typed.get(self._tick, ""):
-            os.write(self.writing, keys.encode())
-            self._last = keys
-        super().poll()
-        self._tick += 1
-        if self._last:
-            now_m_s = abs(self._drive.velocity.forward_m_s)
-            self.speeds_m_s[self._last] = max(now_m_s, self.speeds_m_s[self._last])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("down", ["x", "0"])
-def test_a_robot_that_is_told_to_stand_does_not_walk_off_at_the_speed_of_before(down: str) -> None:
-    with Drive("ant") as drive:
-        session = DriveSession(drive)
-        # The key after the stop, or after sitting down, moves nothing either.
-        typed = Typed(session, {115: "ww", 160: down, 290: "w", 300: "1", 450: "www", 500: "q"})
-        session.run([typed])
-        assert typed.speeds_m_s["ww"] > 0.05
-        assert typed.speeds_m_s["1"] == 0.0
-        assert typed.speeds_m_s["www"] > 0.08
 
 
 def test_a_robot_with_a_latched_stop_shows_no_speed_of_before() -> None:
@@ -324,20 +271,14 @@ def test_travel_is_the_length_of_a_path_its_speed_and_the_turn() -> None:
     assert (travel.distance_m, travel.speed_m_s, travel.heading_deg) == (None, None, None)
     for tick in range(21):  # 0.3 m forward, then 1.2 m to the left, turning by 90 degrees
         way = 0.075 * tick
-        position = np.array([min(way, 0.3), max(way - 0.3, 0.0), 0.1])
-        half = math.radians(170 + 4.5 * tick) / 2
-        travel.add(pose(position, np.array([math.cos(half), 0, 0, math.sin(half)])), 0.15 * tick)
+        state = RobotState(
+            joint_positions_rad=np.zeros(N_JOINTS),
+            stamp_s=0.0,
+            measured=True,
+            base_position_world=np.array([min(way, 0.3), max(way - 0.3, 0.0), 0.1]),
+            base_quaternion_world=about_z(math.radians(170 + 4.5 * tick)),
+        )
+        travel.add(state, 0.15 * tick)
     assert travel.distance_m == pytest.approx(1.5, abs=0.03)
     assert travel.speed_m_s == pytest.approx(0.5, rel=0.25)
     assert travel.heading_deg == pytest.approx(90.0)
-
-
-def pose(position: FloatArray, quaternion: FloatArray | None) -> RobotState:
-    """State of a robot that is somewhere."""
-    return RobotState(
-        joint_positions_rad=np.zeros(N_JOINTS),
-        stamp_s=0.0,
-        measured=True,
-        base_position_world=position,
-        base_quaternion_world=quaternion,
-    )

@@ -3,6 +3,7 @@
 import io
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,10 @@ import xxhash
 import yourdfpy
 import zenoh
 import zenoh.ext
+from zenoh_ros2_sdk import discovery
+from zenoh_ros2_sdk.publisher import ROS2Publisher
+from zenoh_ros2_sdk.session import ZenohSession
+from zenoh_ros2_sdk.subscriber import ROS2Subscriber
 
 from hexctl.server.ros.settings import parameter_endpoint
 from hexctl.types import JOINT_NAMES
@@ -21,10 +26,10 @@ from hexctl.wire.ros.motion_commands import POSE, TWIST, TWIST_STAMPED
 from hexctl.wire.ros.parameters import ParameterService
 from hexctl.wire.ros.ros_names import Kind, RosEndpoint, RosNode, type_hash
 from hexctl.wire.ros.ros_session import SIZE, Attachment
+from hexctl.wire.zenoh_session import open_configured
 from tests.server.processes import Served, free_port, served, wait_until
-from tests.server.ros.peer import Peer, peer, router
 from tests.server.ros.test_settings import decoded_answer, named, request, wishes
-from tests.wire.ros.decoding import decoded
+from tests.wire.ros.decoding import decoded, definition
 
 pytestmark = pytest.mark.realtime
 
@@ -47,6 +52,94 @@ TOPICS = {
 }
 
 
+@contextmanager
+def router(port: int) -> Iterator[zenoh.Session]:
+    """A router as rmw_zenohd is one, on loopback."""
+    settings = {
+        "mode": "router",
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": True,
+        "listen/endpoints": [f"tcp/127.0.0.1:{port}"],
+    }
+    with open_configured(settings) as session:
+        yield session
+
+
+class Peer:
+    """A ROS 2 node of zenoh-ros2-sdk, at a router.
+
+    It loads definitions from the network unless it is given them; here they come from rosbags.
+    """
+
+    def __init__(self, port: int) -> None:
+        self._port = port
+        self._open: list[Any] = []
+        self._shared = ZenohSession.get_instance("127.0.0.1", port)
+        self.session: zenoh.Session = self._shared.session
+
+    def close(self) -> None:
+        """End all publishers and subscriptions, and the session."""
+        for each in self._open:
+            each.close()
+        self._shared.close()
+
+    def topics(self) -> dict[str, list[str]]:
+        """Topics with their types, as `ros2 topic list -t` shows them."""
+        found = discovery.get_topic_names_and_types(0, router_port=self._port, timeout=1.0)
+        return {name: list(types) for name, types in found}
+
+    def tokens(self, pattern: str) -> list[str]:
+        """Liveliness tokens that a pattern matches; for a moment after it has connected, a peer sees none."""
+
+        def asked() -> list[str]:
+            replies = self.session.liveliness().get(pattern, timeout=1.0)
+            return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+
+        found: list[str] = wait_until(asked, pattern)
+        return found
+
+    def info(self, topic: str) -> discovery.TopicInfo:
+        """Endpoints of a topic, as `ros2 topic info -v` shows them, once there are any."""
+
+        def asked() -> discovery.TopicInfo | None:
+            return discovery.get_topic_info(topic, 0, router_port=self._port, timeout=1.0, verbose=True)
+
+        found: discovery.TopicInfo = wait_until(asked, topic)
+        return found
+
+    def make(self, kind: str, **fields: Any) -> Any:
+        """A message of a type that one of its publishers needed."""
+        return self._shared.store.types[kind](**fields)
+
+    def subscribed(self, topic: str, kind: str) -> list[Any]:
+        """List that fills with the messages of a topic."""
+        got: list[Any] = []
+        self._open.append(ROS2Subscriber(topic, kind, got.append, **self._described(kind)))
+        return got
+
+    def publisher(self, topic: str, kind: str) -> Any:
+        self._open.append(ROS2Publisher(topic, kind, **self._described(kind)))
+        return self._open[-1]
+
+    def _described(self, kind: str) -> dict[str, Any]:
+        return {
+            "msg_definition": definition(kind),
+            "type_hash": type_hash(kind),
+            "router_port": self._port,
+        }
+
+
+@contextmanager
+def peer(port: int) -> Iterator[Peer]:
+    """A peer that sees the robot's node; the SDK has one session per process."""
+    opened = Peer(port)
+    try:
+        wait_until(lambda: "/joint_states" in opened.topics(), "the robot's topics")
+        yield opened
+    finally:
+        opened.close()
+
+
 @pytest.fixture(scope="module")
 def network(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Served, Peer]]:
     """A robot in the simulation that was there before its router and that ROS may drive, and a peer."""
@@ -59,6 +152,15 @@ def network(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Served, 
 
 def data_key(topic: str, kind: str) -> str:
     return RosEndpoint(RosNode(), Kind.PUBLISHER, topic, kind, 0).key
+
+
+def hear_joints(session: zenoh.Session) -> list[Any]:
+    """Some samples of joint states, one after another."""
+    got: list[Any] = []
+    found = session.declare_subscriber(data_key("joint_states", ros_cdr.JOINT_STATE), got.append)
+    wait_until(lambda: len(got) > 10, "joint states")
+    found.undeclare()  # type: ignore[no-untyped-call]
+    return got
 
 
 def test_the_node_and_its_topics_are_listed_with_who_and_how(network: tuple[Served, Peer]) -> None:
@@ -114,15 +216,11 @@ def test_transforms_hang_together_and_the_description_is_latched(network: tuple[
         io.BytesIO(latched["robot_description"].data.encode()), build_scene_graph=False, load_meshes=False
     )
     links = {link.name for link in model.robot.links}
-    assert {"odom", *parents, *fixed} == links - {"base_link"} | {"base_link", "odom"}
+    assert {"odom", *parents, *fixed} == links | {"odom"}
 
 
 def test_every_byte_of_an_attachment(network: tuple[Served, Peer]) -> None:
-    session = network[1].session
-    samples: list[Any] = []
-    subscriber = session.declare_subscriber(data_key("joint_states", ros_cdr.JOINT_STATE), samples.append)
-    wait_until(lambda: len(samples) > 5, "joint states")
-    subscriber.undeclare()  # type: ignore[no-untyped-call]
+    samples = hear_joints(network[1].session)
     (token,) = network[1].tokens("@ros2_lv/0/*/0/*/MP/%/%/hexctl/%joint_states/**")
     data = [bytes(sample.attachment) for sample in samples]
     numbers = [int.from_bytes(one[:8], "little") for one in data]
@@ -135,32 +233,15 @@ def test_every_byte_of_an_attachment(network: tuple[Served, Peer]) -> None:
         assert one[17:] == xxhash.xxh3_128_digest(token.encode())[::-1]
 
 
-class Wheel:
-    """Publishes a velocity of one type, as teleop_twist_keyboard or Nav2 do."""
-
-    def __init__(self, node: Peer, kind: str) -> None:
-        self._node, self._kind = node, kind
-        self._publisher = node.publisher("/cmd_vel", kind)
-
-    def say(self, forward: float, turn: float = 0.0) -> None:
-        make = self._node.make
-        linear = make(VECTOR, x=forward, y=0.0, z=0.0)
-        angular = make(VECTOR, x=0.0, y=0.0, z=turn)
-        if self._kind == TWIST:
-            self._publisher.publish(linear=linear, angular=angular)
-            return
-        stamp = make("builtin_interfaces/msg/Time", sec=0, nanosec=0)  # as the newer teleop leaves it
-        header = make("std_msgs/msg/Header", stamp=stamp, frame_id="base_link")
-        self._publisher.publish(header=header, twist=make(TWIST, linear=linear, angular=angular))
-
-    def until(self, condition: Any, what: str, forward: float, turn: float = 0.0) -> None:
-
-        def said() -> bool:
-            self.say(forward, turn)
-            time.sleep(0.05)
-            return bool(condition())
-
-        wait_until(said, what)
+def say_velocity(node: Peer, publisher: Any, kind: str, forward: float) -> None:
+    """Publish a velocity of one type, as teleop_twist_keyboard or Nav2 do."""
+    linear, angular = (node.make(VECTOR, x=share, y=0.0, z=0.0) for share in (forward, 0.0))
+    if kind == TWIST:
+        publisher.publish(linear=linear, angular=angular)
+        return
+    stamp = node.make("builtin_interfaces/msg/Time", sec=0, nanosec=0)  # as the newer teleop leaves it
+    header = node.make("std_msgs/msg/Header", stamp=stamp, frame_id="base_link")
+    publisher.publish(header=header, twist=node.make(TWIST, linear=linear, angular=angular))
 
 
 def answers(session: zenoh.Session, key: str, payload: bytes) -> list[bytes]:
@@ -207,11 +288,17 @@ def test_parameters_are_listed_set_and_read_back(network: tuple[Served, Peer]) -
 def test_a_velocity_moves_the_robot_and_silence_stops_it(network: tuple[Served, Peer], kind: str) -> None:
     robot, node = network
     poses = node.subscribed("/odom", ros_cdr.ODOMETRY)
-    wheel = Wheel(node, kind)
+    publisher = node.publisher("/cmd_vel", kind)
     wait_until(lambda: poses, "a pose")
     start = poses[-1].pose.pose.position.x
-    wheel.until(lambda: poses[-1].pose.pose.position.x > start + 0.1, "10 cm of walking", 0.08)
-    wheel.until(lambda: robot.status()["controller"] == "ROS 2", "the lease of ROS", 0.08)
+
+    def walks() -> bool:
+        say_velocity(node, publisher, kind, 0.08)
+        time.sleep(0.05)
+        walked_m = poses[-1].pose.pose.position.x - start
+        return walked_m > 0.1 and robot.status()["controller"] == "ROS 2"
+
+    wait_until(walks, "10 cm of walking under the lease of ROS")
     fastest = max(one.twist.twist.linear.x for one in poses)
     assert 0.02 < fastest < 0.4
     wait_until(lambda: robot.status()["controller"] is None, "the end of the lease")
@@ -241,7 +328,7 @@ def test_garbage_on_every_topic_moves_nothing(network: tuple[Served, Peer]) -> N
         ("robot_joint_command", ros_cdr.JOINT_STATE),
         ("body_pose", POSE),
     ):
-        key = RosEndpoint(RosNode(), Kind.PUBLISHER, topic, kind, 0).key
+        key = data_key(topic, kind)
         for _ in range(1000):
             node.session.put(key, b"\0\1\0\0" + chance.bytes(int(chance.integers(0, 40))))
         node.session.put(key, bytes(200_000))
@@ -254,15 +341,8 @@ def test_garbage_on_every_topic_moves_nothing(network: tuple[Served, Peer]) -> N
 
 def test_a_robot_of_humble_has_humbles_keys_in_its_namespace(tmp_path: Path) -> None:
     port = free_port()
-    options = (
-        "--ros",
-        f"tcp/127.0.0.1:{port}",
-        "--ros-humble",
-        "--ros-namespace",
-        "lab/ant",
-        "--ros-domain",
-        "3",
-    )
+    humble = ("--ros-humble", "--ros-namespace", "lab/ant", "--ros-domain", "3")
+    options = ("--ros", f"tcp/127.0.0.1:{port}", *humble)
     with router(port) as session, served(tmp_path, *options, backend="mock") as robot:
         keys: list[str] = []
         found = session.declare_subscriber(
@@ -272,14 +352,6 @@ def test_a_robot_of_humble_has_humbles_keys_in_its_namespace(tmp_path: Path) -> 
         assert keys[0].endswith("/sensor_msgs::msg::dds_::JointState_/TypeHashNotSupported")
         found.undeclare()  # type: ignore[no-untyped-call]
         wait_until(lambda: robot.status()["ros"]["connected"], "the router in the status")
-
-
-def hear_joints(session: zenoh.Session) -> None:
-    """Wait for joint states."""
-    got: list[Any] = []
-    found = session.declare_subscriber(data_key("joint_states", ros_cdr.JOINT_STATE), got.append)
-    wait_until(lambda: len(got) > 10, "joint states")
-    found.undeclare()  # type: ignore[no-untyped-call]
 
 
 def test_a_router_that_goes_and_returns_is_found_again(tmp_path: Path) -> None:

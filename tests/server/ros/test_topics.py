@@ -1,28 +1,50 @@
-"""What the topics and the diagnostics of a robot say, and where it listens beside a ROS router."""
+"""Topics of a robot: frames map -> odom -> base_link, dead reckoning, diagnostics, and the router's port."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from hexctl.errors import InputError
 from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.formats.urdf import urdf_of
-from hexctl.robot.loader import load_robot
+from hexctl.robot.rotations import about_z, product, turned, wrapped_rad, yaw_rad
+from hexctl.server.ros.frames import DeadReckoning, FramePose
 from hexctl.server.ros.topics import TOPICS, RobotMessages, measured_ns, publisher_endpoint, statuses
 from hexctl.server.serve_options import ServeOptions
 from hexctl.server.service import ENDPOINT_BESIDE_ROUTER, link_beside_router, router_warnings
 from hexctl.server.snapshot import RobotSnapshot
-from hexctl.types import N_JOINTS, RobotState, ServoReadings
+from hexctl.types import N_JOINTS, FloatArray, RobotState, ServoReadings
 from hexctl.wire import ros_cdr
 from hexctl.wire.links import load_link
 from hexctl.wire.ros import telemetry
 from hexctl.wire.ros.ros_names import RosNode
 from hexctl.wire.ros.telemetry import Level
+from tests.driven import Driven, driven
+from tests.robots import shipped
 from tests.server.bench import stopped_for
 from tests.wire.ros.decoding import decoded
 
-ROBOT = load_robot("ant")
+ROBOT = shipped()
+
+#: Parent and transform by child.
+Frames = dict[str, tuple[str, FramePose]]
+
+
+def robot_messages() -> RobotMessages:
+    return RobotMessages(ROBOT, urdf_of(ROBOT), "hexctl")
+
+
+def frames(payload: bytes) -> Frames:
+    found = {}
+    for one in decoded(telemetry.TRANSFORMS, payload).transforms:
+        at, turn = one.transform.translation, one.transform.rotation
+        pose = FramePose(np.array([at.x, at.y, at.z]), np.array([turn.w, turn.x, turn.y, turn.z]))
+        found[one.child_frame_id] = (one.header.frame_id, pose)
+    return found
+
+
 #: Turned by 0.4, 0.1 and -0.05 rad about z, y and x.
 QUATERNION = np.array([0.978784085054, -0.014542269399, 0.053927616469, 0.197134597238])
 
@@ -33,7 +55,7 @@ def snapshot(state: RobotState) -> RobotSnapshot:
 
 @pytest.fixture
 def messages() -> RobotMessages:
-    return RobotMessages(ROBOT, urdf_of(ROBOT), "hexctl")
+    return robot_messages()
 
 
 def walking(angles_rad: np.ndarray) -> RobotState:
@@ -44,38 +66,31 @@ def walking(angles_rad: np.ndarray) -> RobotState:
 
 
 def test_feet_in_tf_are_where_the_kinematics_has_them(messages: RobotMessages) -> None:
-    from scipy.spatial.transform import Rotation
-
     angles_rad = np.random.default_rng(2).uniform(ROBOT.joint_lower_rad, ROBOT.joint_upper_rad)
     shown = snapshot(walking(angles_rad))
-    moving = decoded(telemetry.TRANSFORMS, messages.moving_frames(shown)).transforms
-    fixed = decoded(telemetry.TRANSFORMS, messages.fixed_frames(0)).transforms
-    frames = {one.child_frame_id: one for one in (*moving, *fixed)}
+    found = frames(messages.moving_frames(shown)) | frames(messages.fixed_frames(0))
 
-    def place(name: str, until: str) -> tuple[np.ndarray, Rotation]:
+    def place(name: str, until: str) -> tuple[FloatArray, Rotation]:
         if name == until:
             return np.zeros(3), Rotation.identity()
-        moved = frames[name].transform.translation
-        turned = frames[name].transform.rotation
-        at, rotation = place(frames[name].header.frame_id, until)
-        own = Rotation.from_quat([turned.x, turned.y, turned.z, turned.w])
-        return at + rotation.apply([moved.x, moved.y, moved.z]), rotation * own
+        parent, pose = found[name]
+        at, rotation = place(parent, until)
+        own = Rotation.from_quat(pose.quaternion, scalar_first=True)
+        return at + rotation.apply(pose.position_m), rotation * own
 
     feet = np.array([place(f"leg{leg}_foot", "base_link")[0] for leg in range(1, 7)])
     np.testing.assert_allclose(feet, foot_positions_body(ROBOT, angles_rad), atol=1e-9)
-    at, turned = place("base_link", "odom")
+    at, rotation = place("base_link", "odom")
     np.testing.assert_allclose(at, [1.0, 2.0, 0.1])
-    np.testing.assert_allclose(turned.as_quat()[[3, 0, 1, 2]], QUATERNION)
+    np.testing.assert_allclose(rotation.as_quat(scalar_first=True), QUATERNION)
 
 
 def test_a_robot_that_does_not_know_where_it_is_has_no_odometry(messages: RobotMessages) -> None:
     shown = snapshot(RobotState(ROBOT.stance_angles_rad, 0.0, False))
     assert messages.odometry(shown) is None
-    names = [
-        one.child_frame_id for one in decoded(telemetry.TRANSFORMS, messages.moving_frames(shown)).transforms
-    ]
-    assert len(names) == 18
-    assert "base_link" not in names
+    found = frames(messages.moving_frames(shown))
+    assert len(found) == 18
+    assert "base_link" not in found
 
 
 def test_stamps_are_those_of_the_measurement(messages: RobotMessages) -> None:
@@ -179,3 +194,254 @@ def test_options_are_checked_when_they_are_given_and_warn_who_may_drive() -> Non
     assert "may stop" in may
     (may,) = router_warnings(load_link(connect="tcp/127.0.0.1:7500"), ROUTER, drive=True)
     assert "may drive" in may
+
+
+ROLLED = np.array([np.cos(0.05), np.sin(0.05), 0.0, 0.0])
+START = FramePose(np.array([1.0, 2.0, 0.1]), product(about_z(0.4), ROLLED))
+
+
+@pytest.fixture(scope="module")
+def walk() -> Driven:
+    return walked()
+
+
+def walked() -> Driven:
+    return driven("ant", ((1, 0, 0, 0), (4, 0.8, 0, 0.4)))
+
+
+def state(walk: Driven, index: int, at_s: float | None = None) -> RobotState:
+    return RobotState(walk.joints_rad[index], walk.times_s[index] if at_s is None else at_s, True)
+
+
+def imu(walk: Driven, index: int) -> FloatArray:
+    """What an IMU measures that began elsewhere, on a body that leans."""
+    return product(about_z(walk.poses[index, 2] + 2.9), ROLLED)
+
+
+def away(walk: Driven) -> complex:
+    """True way from the first to the last place, in the frame of the first."""
+    moved = (walk.poses[-1] - walk.poses[0])[:2] @ np.array([1, 1j])
+    return complex(moved * np.exp(-1j * walk.poses[0, 2]))
+
+
+@pytest.mark.parametrize("with_imu", [True, False])
+def test_a_walk_goes_on_from_where_it_began(walk: Driven, with_imu: bool) -> None:
+    reckoning = DeadReckoning(ROBOT, START)
+    poses = [
+        reckoning.update(state(walk, index), imu(walk, index) if with_imu else None)
+        for index in range(len(walk.times_s))
+    ]
+    np.testing.assert_array_equal(poses[0].position_m, START.position_m)
+    np.testing.assert_allclose(poses[0].quaternion, START.quaternion, atol=1e-12)
+    moved = complex(*(poses[-1].position_m - START.position_m)[:2]) * np.exp(-0.4j)
+    assert abs(moved - away(walk)) < 0.06 * abs(away(walk))
+    turned = wrapped_rad(float(yaw_rad(poses[-1].quaternion)) - 0.4)
+    true = walk.poses[-1, 2] - walk.poses[0, 2]
+    assert turned == pytest.approx(true, abs=1e-9 if with_imu else 0.15 * abs(true))
+    steps_m = np.linalg.norm(np.diff([one.position_m for one in poses], axis=0), axis=1)
+    assert steps_m.max() < 0.012
+    rise_m = [one.position_m[2] - START.position_m[2] for one in poses]
+    np.testing.assert_allclose(rise_m, walk.height_m - walk.height_m[0], atol=0.004)
+
+
+@pytest.mark.parametrize("broken", ["angles", "orientation"])
+def test_numbers_that_are_not_finite_leave_the_pose(walk: Driven, broken: str) -> None:
+    reckoning = DeadReckoning(ROBOT, START)
+    before = reckoning.update(state(walk, 100), imu(walk, 100))
+    angles, orientation = walk.joints_rad[101].copy(), imu(walk, 101)
+    (angles if broken == "angles" else orientation)[:] = np.nan
+    reckoning.update(RobotState(angles, walk.times_s[101], True), orientation)
+    after = reckoning.update(state(walk, 102), imu(walk, 102))
+    assert np.linalg.norm(after.position_m - before.position_m) < 0.01
+    np.testing.assert_allclose(after.quaternion, before.quaternion, atol=0.02)
+
+
+#: Turn and shift from the frame of the robot's own pose to that of the one from outside.
+SHIFT_M, TURN = np.array([3.0, -1.0, 0.0]), about_z(2.0)
+
+LEAN = np.array([np.cos(0.04), 0.0, np.sin(0.04), 0.0])
+
+
+@dataclass
+class Walker:
+    """A robot that walks, of which a state comes in every control period."""
+
+    messages: RobotMessages = field(default_factory=robot_messages)
+    index: int = 0
+    has_imu: bool = True
+    last: RobotSnapshot | None = None
+
+    def true_pose(self) -> FramePose:
+        walk = walked()
+        x_m, y_m, yaw = walk.poses[self.index]
+        return FramePose(np.array([x_m, y_m, walk.height_m[self.index]]), product(about_z(yaw), LEAN))
+
+    def next(self, pose: FramePose | None, posed_at_s: float | None) -> Frames:
+        """Frames after one more state: parent and transform by child."""
+        walk = walked()
+        state = RobotState(
+            walk.joints_rad[self.index],
+            walk.times_s[self.index],
+            True,
+            base_position_world=None if pose is None else pose.position_m,
+            base_quaternion_world=None if pose is None else pose.quaternion,
+        )
+        orientation = self.true_pose().quaternion if self.has_imu else None
+        self.last = RobotSnapshot(state=state, orientation=orientation, posed_at_s=posed_at_s)
+        self.index += 1
+        self.messages.follow(self.last, wanted=True)
+        return frames(self.messages.moving_frames(self.last))
+
+    def own(self) -> Frames:
+        """Frames after a state with a pose of the robot's own."""
+        return self.next(self.true_pose(), None)
+
+    def outside(self, jump_m: FloatArray | float = 0.0, *, level: bool = False) -> FramePose:
+        true = self.true_pose()
+        quaternion = about_z(float(yaw_rad(true.quaternion))) if level else true.quaternion
+        return FramePose(SHIFT_M + turned(TURN, true.position_m) + jump_m, product(TURN, quaternion))
+
+    def posed(self, pose: FramePose | None) -> Frames:
+        """Frames after a state with a pose from outside that is new, or lost for None."""
+        at_s = self.last.posed_at_s if pose is None and self.last is not None else float(self.index)
+        return self.next(pose, at_s)
+
+
+def in_map(found: Frames) -> FramePose:
+    """Pose of `base_link` in `map`."""
+    (of_odom, odom), (of_body, body) = found["odom"], found["base_link"]
+    assert (of_odom, of_body) == ("map", "odom")
+    quaternion = product(odom.quaternion, body.quaternion)
+    return FramePose(odom.position_m + turned(odom.quaternion, body.position_m), quaternion)
+
+
+def same(one: FramePose, other: FramePose) -> None:
+    np.testing.assert_allclose(one.position_m, other.position_m, atol=1e-6)
+    assert abs(one.quaternion @ other.quaternion) == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("has_imu", [True, False])
+def test_a_pose_from_outside_is_in_map_and_odom_goes_on(has_imu: bool) -> None:
+    walker = Walker(has_imu=has_imu, index=60)
+    before = walker.own()["base_link"][1]
+    for _ in range(100):
+        pose = walker.outside()
+        found = walker.posed(pose)
+        same(in_map(found), pose)
+        after = found["base_link"][1]
+        assert np.linalg.norm(after.position_m - before.position_m) < 0.012
+        assert abs(after.quaternion @ before.quaternion) > np.cos(0.02)
+        before = after
+
+
+def test_a_jump_from_outside_is_one_of_map_to_odom_alone() -> None:
+    found = []
+    for jump_m in (np.zeros(3), np.array([0.5, -0.3, 0.0])):
+        walker = Walker(index=60)
+        walker.own()
+        walker.posed(walker.outside())
+        pose = walker.outside(jump_m)
+        found.append(walker.posed(pose))
+        same(in_map(found[-1]), pose)
+    (_, calm), (_, jumped) = (one["base_link"] for one in found)
+    np.testing.assert_array_equal(calm.numbers, jumped.numbers)
+    moved_m = found[1]["odom"][1].position_m - found[0]["odom"][1].position_m
+    np.testing.assert_allclose(moved_m, [0.5, -0.3, 0.0], atol=1e-9)
+
+
+def test_while_the_pose_is_lost_map_stays_and_the_legs_go_on() -> None:
+    walker = Walker(index=80)
+    walker.own()
+    known = walker.posed(walker.outside())
+    for _ in range(50):
+        true = walker.outside()
+        lost = walker.posed(None)
+        np.testing.assert_array_equal(lost["odom"][1].numbers, known["odom"][1].numbers)
+    assert np.linalg.norm(true.position_m - in_map(known).position_m) > 0.05
+    assert np.linalg.norm(true.position_m - in_map(lost).position_m) < 0.01
+    before, pose = lost["base_link"][1], walker.outside(np.array([0.1, 0.0, 0.0]))
+    found = walker.posed(pose)
+    same(in_map(found), pose)
+    assert np.linalg.norm(found["base_link"][1].position_m - before.position_m) < 0.012
+
+
+def test_a_camera_sees_no_roll_and_pitch_which_stay_the_robots_own() -> None:
+    walker = Walker(index=60)
+    walker.own()
+    for _ in range(20):
+        true, pose = walker.outside(), walker.outside(level=True)
+        found = walker.posed(pose)
+        np.testing.assert_allclose(in_map(found).position_m, pose.position_m, atol=1e-6)
+        same(in_map(found), true)
+        np.testing.assert_allclose(found["odom"][1].quaternion[1:3], 0, atol=1e-15)
+
+
+def test_without_an_own_pose_odom_begins_at_the_origin() -> None:
+    walker = Walker(has_imu=False)
+    first = walker.posed(None)
+    assert "odom" not in first
+    np.testing.assert_array_equal(first["base_link"][1].position_m, np.zeros(3))
+    pose = walker.outside()
+    same(in_map(walker.posed(pose)), pose)
+
+
+def test_odometry_is_that_of_dead_reckoning() -> None:
+    walker = Walker(index=80)
+    walker.own()
+    for jump_m in np.linspace(0, 1, 20):
+        found = walker.posed(walker.outside(np.array([jump_m, 0, 0])))
+        assert walker.last is not None
+        message = walker.messages.odometry(walker.last)
+    assert message is not None
+    told = decoded(ros_cdr.ODOMETRY, message)
+    assert (told.header.frame_id, told.child_frame_id) == ("odom", "base_link")
+    at = told.pose.pose.position
+    np.testing.assert_array_equal([at.x, at.y, at.z], found["base_link"][1].position_m)
+    assert 0.03 < told.twist.twist.linear.x < 0.3
+    assert abs(told.twist.twist.linear.y) < 0.1
+
+
+def errors(message: bytes | None) -> FloatArray:
+    """Standard deviations of a pose: x, y, z in m, roll, pitch, yaw in rad."""
+    assert message is not None
+    told = decoded(ros_cdr.ODOMETRY, message)
+    matrix = np.array(told.pose.covariance).reshape(6, 6)
+    twist = np.diag(np.array(told.twist.covariance).reshape(6, 6))
+    assert (np.diag(matrix) > 0).all()
+    assert (twist > 0).all()
+    assert not (matrix - np.diag(np.diag(matrix))).any()
+    return np.sqrt(np.diag(matrix))
+
+
+@pytest.mark.parametrize("has_imu", [True, False])
+def test_the_covariance_of_dead_reckoning_grows_and_covers_its_error(has_imu: bool) -> None:
+    walker = Walker(index=60, has_imu=has_imu)
+    walker.own()
+    assert walker.last is not None
+    own = errors(walker.messages.odometry(walker.last))
+    assert own[0] == pytest.approx(0.003)
+    found: list[FloatArray] = []
+    for _ in range(100):
+        walker.posed(walker.outside())
+        found.append(errors(walker.messages.odometry(walker.last)))
+    way = walked().poses[60:160, :2]
+    moved_m = np.linalg.norm(np.diff(way, axis=0), axis=1).sum()
+    assert (np.diff(found, axis=0) >= 0).all()
+    assert 0.08 * moved_m < found[-1][0] < 0.3 * moved_m
+    assert found[-1][5] < 0.02 if has_imu else found[-1][5] > 0.02
+
+
+@pytest.mark.parametrize(
+    ("world", "share"),
+    [("flat", (0, 0, 1)), ("flat", (1, 0, 0)), ("rough", (1, 0, 0)), ("real:2", (0, 1, 0))],
+)
+def test_walks_are_off_by_no_more_than_three_deviations(world: str, share: tuple[int, int, int]) -> None:
+    walk = driven("ant", ((1, 0, 0, 0), (4, *share)), world=world)
+    reckoning = DeadReckoning(ROBOT)
+    for index in range(len(walk.times_s)):
+        pose = reckoning.update(state(walk, index), None)
+    off_m = abs(complex(*pose.position_m[:2])) - abs(away(walk))
+    off_rad = float(yaw_rad(pose.quaternion)) - (walk.poses[-1, 2] - walk.poses[0, 2])
+    sigma = np.sqrt(np.diag(reckoning.error.covariance(imu=False).reshape(6, 6)))
+    assert abs(off_m) < 3 * sigma[0]
+    assert abs(np.remainder(off_rad + np.pi, 2 * np.pi) - np.pi) < 3 * sigma[5]

@@ -3,15 +3,30 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import pytest
+from hypothesis import HealthCheck, Phase, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import (
+    RuleBasedStateMachine,
+    initialize,
+    invariant,
+    precondition,
+    rule,
+    run_state_machine_as_test,
+)
 
 from hexctl.control.guard import Guard
 from hexctl.server.stops.latch import StopLatch
 from hexctl.server.stops.stop_file import StopFile
+from hexctl.server.stops.stop_socket import StopSocket
+from hexctl.wire.links import Link
 from hexctl.wire.stop import (
     DATAGRAM_FROM,
     HOLD_S,
+    LIFTED_BY_LEASE,
     MOST_CLAIMS,
     OTHERS_HOLD_S,
     REPEATED_WITHIN_S,
@@ -21,7 +36,12 @@ from hexctl.wire.stop import (
     claim_of,
     new_clear_key,
 )
+from hexctl.wire.stop_datagram import NO_SECRET, Kind, StopDatagram
 from tests.control.posed import connected
+
+
+def stop_file(folder: Path) -> StopFile:
+    return StopFile("ant", "mock", "tcp/127.0.0.1:7447", folder=folder)
 
 
 @pytest.fixture
@@ -68,7 +88,7 @@ def test_a_request_that_is_repeated_does_not_put_off_the_clear(latch: StopLatch)
 def test_who_asked_is_replaced_by_a_better_name_alone_and_written_only_then(
     guard: Guard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    file = StopFile("ant", "mock", "tcp/127.0.0.1:7447", folder=tmp_path)
+    file = stop_file(tmp_path)
     kept: list[str | None] = []
     monkeypatch.setattr(file, "keep", lambda stop: kept.append(stop.by))
     latch = StopLatch(guard, file)
@@ -97,7 +117,7 @@ def test_a_stop_is_there_or_made(guard: Guard, latch: StopLatch) -> None:
 def test_the_robot_is_stopped_before_anything_that_may_fail(
     guard: Guard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    file = StopFile("ant", "mock", "tcp/127.0.0.1:7447", folder=tmp_path)
+    file = stop_file(tmp_path)
 
     def fail(_: Stop | None) -> None:
         raise RuntimeError("no memory")
@@ -164,14 +184,14 @@ def test_a_stop_that_is_repeated_after_a_clear_by_others_holds_longer(latch: Sto
 def test_the_age_of_a_stop_is_shown_over_a_restart_and_its_hold_begins_anew(
     guard: Guard, tmp_path: Path
 ) -> None:
-    latch = StopLatch(guard, StopFile("ant", "mock", "tcp/127.0.0.1:7447", folder=tmp_path))
+    latch = StopLatch(guard, stop_file(tmp_path))
     latch.stop(by="mia")
     latch.close()
     (path,) = tmp_path.glob("*.json")
     kept = json.loads(path.read_text())
     kept["at"] = "2020-01-01T00:00:00Z"
     path.write_text(json.dumps(kept))
-    again = StopLatch(connected()[0], StopFile("ant", "mock", "tcp/127.0.0.1:7447", folder=tmp_path))
+    again = StopLatch(connected()[0], stop_file(tmp_path))
     stop = now(again)
     shown = stop.to_json(stop.since_s, kept=True)
     assert shown["since_s"] > 1e8
@@ -199,3 +219,198 @@ def test_a_stop_holds_twice_as_long_with_each_repetition_up_to_a_bound(
     assert cleared.repeats_at(10.0 + REPEATED_WITHIN_S) == 0
     assert replace(cleared, proved=True).repeats_at(10.0) == 0
     assert replace(cleared, stop=replace(stop, by=None)).repeats_at(10.0) == 0
+
+
+WALKER, MIA, BEN = "walker", "mia", "ben"
+CLIENTS = st.sampled_from((WALKER, MIA, BEN))
+WAITS_S = st.sampled_from((0.1, HOLD_S, 10.0, OTHERS_HOLD_S, 2000.0))
+
+
+class Promises(RuleBasedStateMachine):
+    """What a stop promises, whatever clients, strangers, faults and restarts come in whatever order.
+
+    Clients stop and clear a robot of the walker, its guard finds faults, its server is killed. The model
+    keeps what each client knows; the latch, its file and its datagrams are real, and time is simulated.
+    """
+
+    latch_type = StopLatch
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.folder = TemporaryDirectory()
+        self.now_s = 1000.0
+        self.keys: dict[str, set[str]] = {WALKER: set(), MIA: set(), BEN: set()}
+        self.recorded: list[bytes] = []
+        self.nonce = 0
+
+    @initialize()
+    def start(self) -> None:
+        """Start the server; what was stopped before is stopped."""
+        self.guard, servos = connected()
+        self.time = servos.time
+        self.time.now_s = self.now_s
+        self.file = stop_file(Path(self.folder.name))
+        self.latch = self.latch_type(self.guard, self.file, lambda: WALKER)
+        self.socket = StopSocket(Link(), "ant", self.latch, lambda: True)
+        self.must_be_stopped = self.guard.stopped is not None
+        self.asked_at_s = self.now_s
+
+    def teardown(self) -> None:
+        self.latch.close()
+        self.folder.cleanup()
+
+    def stop_id(self) -> str | None:
+        """What the status tells every client."""
+        stop = self.latch.current()
+        return None if stop is None else stop.stop_id
+
+    def note_stop(self) -> None:
+        self.must_be_stopped, self.asked_at_s = True, self.now_s
+
+    @rule(seconds=WAITS_S)
+    def wait(self, seconds: float) -> None:
+        self.pass_by(seconds)
+
+    def pass_by(self, seconds: float) -> None:
+        self.now_s += seconds
+        self.time.now_s = self.now_s
+
+    @rule(client=CLIENTS, claimed=st.booleans())
+    def stop(self, client: str, claimed: bool) -> None:
+        """A client stops the robot over a session, with a clear key of its own or without."""
+        key = new_clear_key()
+        if claimed:
+            self.keys[client].add(key)
+        self.latch.stop(claim_of(key) if claimed else None, by=client)
+        self.note_stop()
+
+    @rule(client=CLIENTS)
+    def stop_by_datagram(self, client: str) -> None:
+        """A client asks for the epoch, then stops the robot; a stranger records both."""
+        question = self.datagram(Kind.ASK)
+        answer = StopDatagram.unpacked(self.socket.answer(question) or b"", NO_SECRET)
+        key = new_clear_key()
+        self.keys[client].add(key)
+        order = self.datagram(Kind.STOP, epoch=answer.epoch, request=bytes.fromhex(claim_of(key)))
+        told = StopDatagram.unpacked(self.socket.answer(order) or b"", NO_SECRET)
+        assert told.stopped
+        self.recorded += [question, order]
+        self.note_stop()
+
+    def datagram(self, kind: Kind, **values: Any) -> bytes:
+        self.nonce += 1
+        return StopDatagram(kind=kind, nonce=self.nonce.to_bytes(8), **values).packed(NO_SECRET)
+
+    @precondition(lambda self: self.recorded)
+    @rule()
+    def replay(self) -> None:
+        """A stranger sends again all that it recorded: that neither stops a robot nor renews a stop."""
+        before = self.guard.stopped, self.stop_id(), self.latch.epoch
+        for data in self.recorded:
+            self.socket.answer(data)
+        assert (self.guard.stopped, self.stop_id(), self.latch.epoch) == before
+
+    @rule(data=st.binary(max_size=200))
+    def foreign(self, data: bytes) -> None:
+        """A stranger sends anything: it has no answer."""
+        assert self.socket.answer(data) is None
+
+    @rule(reason=st.sampled_from(("fell", "fault: low battery 9.5 V", LIFTED_BY_LEASE)))
+    def fault(self, reason: str) -> None:
+        before = self.guard.stopped
+        self.guard.stop(reason)
+        self.must_be_stopped = True
+        if before is None or before == LIFTED_BY_LEASE != reason:
+            self.asked_at_s = self.now_s
+
+    @rule(client=CLIENTS, knows_id=st.booleans(), shows_keys=st.booleans())
+    def clear(self, client: str, knows_id: bool, shows_keys: bool) -> None:
+        keys = tuple(self.keys[client]) if shows_keys else ()
+        self.clear_shown(client, self.stop_id() if knows_id else None, keys)
+
+    def clear_shown(self, client: str, stop_id: str | None, keys: tuple[str, ...]) -> None:
+        """A client quotes an id and shows keys; what it may not clear stays."""
+        stop = self.latch.current()
+        refused = self.latch.clear(stop_id, self.now_s, by=client, keys=keys)
+        if stop is None or refused is not None:
+            return
+        self.must_be_stopped = False
+        if not stop.stays:
+            return
+        assert stop_id is not None, "a client cleared a stop that it has not seen"
+        waited_s = self.now_s - self.asked_at_s
+        proved = {claim_of(key) for key in keys} >= set(stop.claims) != set()
+        assert waited_s >= (HOLD_S if proved or not stop.claims else OTHERS_HOLD_S)
+        stopped_by_others = bool(stop.claims) or stop.by not in (None, WALKER)
+        assert proved or not (client == WALKER and stopped_by_others), "the client that was stopped moved on"
+
+    @rule()
+    def clear_together(self) -> None:
+        """All who asked for the stop show their keys, in time."""
+        self.pass_by(OTHERS_HOLD_S)
+        keys = tuple(set().union(*self.keys.values()))
+        self.clear_shown(BEN, self.stop_id(), keys)
+
+    @rule()
+    def kill(self) -> None:
+        """Kill the server once its stop is on the disk, as `status` says, and start it again."""
+        stop = self.latch.current()
+        self.latch.close()
+        self.start()
+        if stop is not None and stop.stays:
+            assert self.guard.stopped == stop.reason
+            assert self.stop_id() == stop.stop_id
+            now = self.latch.current()
+            assert now is not None
+            assert now.claims == stop.claims
+        else:
+            assert self.guard.stopped is None
+
+    @invariant()
+    def stays_stopped(self) -> None:
+        """Nothing but an accepted clear lets the robot move."""
+        if hasattr(self, "latch"):
+            assert self.must_be_stopped == (self.guard.stopped is not None)
+
+
+SETTINGS = settings(
+    max_examples=60,
+    stateful_step_count=30,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
+)
+
+
+def test_a_stop_keeps_its_promises_whatever_comes() -> None:
+    run_state_machine_as_test(Promises, settings=SETTINGS)
+
+
+class Careless(StopLatch):
+    """Clears whatever anybody wants cleared."""
+
+    def clear(self, stop_id, at_s, *, by="", keys=()) -> None:  # type: ignore[no-untyped-def]
+        self._guard.clear()
+
+
+class Replayable(StopLatch):
+    """Takes a stop of any epoch."""
+
+    def stop_in(self, epoch, request, *, by="") -> bool:  # type: ignore[no-untyped-def]
+        self.stop(request, by=by)
+        return True
+
+
+class Forgetful(StopLatch):
+    """Keeps nothing on the disk."""
+
+    def _keep(self, stop) -> None:  # type: ignore[no-untyped-def]
+        pass
+
+
+@pytest.mark.parametrize("broken", [Careless, Replayable, Forgetful])
+def test_a_latch_that_breaks_a_promise_is_noticed(broken: type[StopLatch]) -> None:
+    machine = type("Broken", (Promises,), {"latch_type": broken})
+    with pytest.raises((AssertionError, ExceptionGroup)):
+        run_state_machine_as_test(machine, settings=settings(SETTINGS, phases=[Phase.generate]))

@@ -5,7 +5,7 @@ import socket
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -29,7 +29,7 @@ from hexctl.wire.stop_datagram import (
     mark_of,
 )
 from tests.control.posed import connected
-from tests.server.processes import free_port
+from tests.server.processes import free_port, repeated
 
 OPERATOR, STRANGER = ("10.0.0.1", 1), ("10.0.0.2", 2)
 
@@ -154,39 +154,27 @@ def opened(bench: Bench) -> Iterator[socket.socket]:
         yield client
 
 
-def flood(port: int, until: threading.Event, datagrams: list[bytes]) -> None:
-    """Send datagrams as fast as one core does."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
-        while not until.is_set():
-            for data in datagrams:
-                stranger.sendto(data, ("127.0.0.1", port))
-
-
 @pytest.mark.parametrize("flooded_with", ["garbage", "marked garbage", "a question that was heard"])
 def test_a_stop_comes_through_a_flood(flooded_with: str) -> None:
-    bench, chance, until = Bench(), random.Random(1), threading.Event()
+    bench, chance = Bench(), random.Random(1)
     begin = mark_of(b"") if flooded_with == "marked garbage" else b""
     garbage = [begin + chance.randbytes(DATAGRAM_BYTES - len(begin)) for _ in range(100)]
     if flooded_with == "a question that was heard":
         garbage = [bench.datagram()] * 100
-    with opened(bench) as client:
-        port = bench.stop_socket.port
-        assert port is not None
-        flooding = threading.Thread(target=flood, args=(port, until, garbage))
-        flooding.start()
-        try:
-            client.settimeout(0.05)
+    with opened(bench) as client, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+
+        def flood() -> None:
+            for data in garbage:
+                stranger.sendto(data, client.getpeername())
+
+        client.settimeout(0.05)
+        with repeated(flood, 0.0):
             for _ in range(1000):  # as a client does: again and again
                 if bench.guard.stopped is not None:
                     break
                 client.send(bench.datagram(Kind.STOP, epoch=bench.latch.epoch, request=b"mine    "))
-                try:
+                with suppress(TimeoutError):
                     client.recv(DATAGRAM_BYTES)
-                except TimeoutError:
-                    continue
-        finally:
-            until.set()
-            flooding.join()
     assert bench.guard.stopped == "estop"
 
 
