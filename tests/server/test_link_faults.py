@@ -1,7 +1,4 @@
-"""What the servos do when a controller, a robot or the link between them fails: all in separate processes.
-
-The matrix in `faults/` injects many more; the server's side is computed, tick by tick, in `test_server.py`.
-"""
+"""What the servos do when a controller, a robot or the link between them fails: all in separate processes."""
 
 import signal
 import time
@@ -132,18 +129,20 @@ def walk_interrupted(robot: Served, folder: Path, name: str, again: bool) -> tup
     return (reason,)
 
 
-def stop_often(robot: Served, folder: Path, times: int, *, still_after_s: float) -> None:
-    """Stop a swaying robot, check for how long it moves on, and clear the stop, again and again.
-
-    Its controller takes each lease that it gets and commands, which moves nothing before the clear.
-    """
-    pauses_s = np.random.default_rng(0).uniform(0.05, 0.25, times).tolist()
+@pytest.mark.parametrize(
+    ("times", "still_after_s"),
+    [(2, STILL_ON_A_BUSY_MACHINE_S), pytest.param(100, STILL_AFTER_S, marks=pytest.mark.soak)],
+)
+def test_an_estop_while_moving_ends_the_motion_every_time(
+    robot: Served, tmp_path: Path, times: int, still_after_s: float
+) -> None:
+    """A controller takes each lease that it gets and commands, which moves nothing before the clear."""
     keys = KeyMap.of("ant")
     with (
-        controlling(folder, robot.endpoint, "again=1"),
+        controlling(tmp_path, robot.endpoint, "again=1"),
         open_session(Link(endpoint=robot.endpoint), Role.CONTROLLER, keys) as session,
     ):
-        for pause_s in pauses_s:
+        for pause_s in np.random.default_rng(0).uniform(0.05, 0.25, times).tolist():
             wait_for_motion(robot)
             time.sleep(pause_s)
             at_s = time.monotonic()
@@ -155,17 +154,6 @@ def stop_often(robot: Served, folder: Path, times: int, *, still_after_s: float)
             (described,) = ask(session, keys.describe)
             clear = {"op": "clear", "id": described["status"]["stop"]["id"], "keys": [clear_key]}
             assert [answer["stopped"] for answer in ask(session, keys.estop, clear)] == [None]
-
-
-def test_an_estop_while_moving_ends_the_motion_every_time(robot: Served, tmp_path: Path) -> None:
-    stop_often(robot, tmp_path, 2, still_after_s=STILL_ON_A_BUSY_MACHINE_S)
-
-
-@pytest.mark.soak
-def test_an_estop_while_moving_ends_the_motion_a_hundred_times_of_a_hundred(
-    robot: Served, tmp_path: Path
-) -> None:
-    stop_often(robot, tmp_path, 100, still_after_s=STILL_AFTER_S)
 
 
 def test_a_stop_is_there_after_the_server_was_killed_and_started_again(tmp_path: Path) -> None:

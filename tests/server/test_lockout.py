@@ -240,16 +240,10 @@ class StubbornClient:
 
     def __init__(self, session: Any) -> None:
         self._session = session
-        self._old = ["0" * 16]
-        self._chance = random.Random(1)
         self.clears = self.leases = 0
 
-    def remember(self, stop_id: str) -> None:
-        """Use the id of a stop that has been cleared, too."""
-        self._old.append(stop_id)
-
     def act(self) -> None:
-        wanted: list[dict[str, Any]] = [{}, {"id": ""}, {"id": self._chance.choice(self._old)}]
+        wanted: list[dict[str, Any]] = [{}, {"id": ""}, {"id": "0" * 16}]
         with suppress(HexctlError):
             for described in ask(self._session, KEYS.describe):
                 stop = described["status"]["stop"]
@@ -261,11 +255,18 @@ class StubbornClient:
             self.leases += "lease" in answer
 
 
-def stays_stopped(plain: tuple[Served, Any], *, times: int, for_s: float = HOLD_S + 0.5) -> None:
-    """Stop a robot for a while against a client that clears, takes the lease and commands in a loop.
-
-    Its controller takes each lease that there is, and commands, too.
-    """
+@pytest.mark.parametrize(
+    ("times", "for_s"),
+    [
+        (FEW, HOLD_S + 0.5),
+        pytest.param(MANY, HOLD_S + 0.5, marks=pytest.mark.soak),
+        pytest.param(MINUTES, 60.0, marks=pytest.mark.soak),
+    ],
+)
+def test_a_stop_stays_against_a_client_that_clears_and_commands_in_a_loop(
+    plain: tuple[Served, Any], times: int, for_s: float
+) -> None:
+    """The controller of the robot takes each lease that there is, and commands, too."""
     robot, session = plain
     for _ in range(times):
         wait_for_motion(robot)
@@ -282,18 +283,6 @@ def stays_stopped(plain: tuple[Served, Any], *, times: int, for_s: float = HOLD_
         assert stubborn.leases == 0
         assert stubborn.clears > 1
         clear(session, Link(endpoint=robot.endpoint))
-
-
-def test_a_stop_stays_against_a_client_that_clears_and_commands_in_a_loop(plain: tuple[Served, Any]) -> None:
-    stays_stopped(plain, times=FEW)
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize(("times", "for_s"), [(MANY, HOLD_S + 0.5), (MINUTES, 60.0)])
-def test_many_and_long_stops_stay_against_a_client_that_clears_and_commands_in_a_loop(
-    plain: tuple[Served, Any], times: int, for_s: float
-) -> None:
-    stays_stopped(plain, times=times, for_s=for_s)
 
 
 #: Viewers of one process; after `CLOSING_S` the robot has noticed that they are silent.

@@ -18,6 +18,7 @@ from hexctl.wire.description import encode_json
 from hexctl.wire.stop import HOLD_S, MAX_BY, UNNAMED
 from tests.control.posed import connected, send
 from tests.robots import shipped
+from tests.server.processes import repeated
 
 #: A wait longer than this has no end.
 FOREVER_S = 20.0
@@ -31,28 +32,18 @@ def items(inbox: Inbox) -> list[object]:
 
 
 @pytest.mark.parametrize("kind", MOST_WAITING)
-def test_what_fits_comes_in_order_then_the_oldest_goes_but_of_queries_the_newest(kind: str) -> None:
+def test_of_a_flood_the_newest_stay_or_the_oldest_queries_and_it_displaces_no_other(kind: str) -> None:
     inbox, most = Inbox(), MOST_WAITING[kind]
-    for number in range(most + 3):
-        inbox.put(kind, number)
-    assert items(inbox) == list(range(most) if kind in QUERIES else range(3, most + 3))
-    assert kind in QUERIES or inbox.overflowed == 3
-
-
-@pytest.mark.parametrize("kind", MOST_WAITING)
-def test_a_flood_of_one_kind_displaces_no_other(kind: str) -> None:
-    inbox = Inbox()
     others = [other for other in MOST_WAITING if other not in (kind, "state")]
     for other in others:
         inbox.put(other, other)
-    for _ in range(640):
-        inbox.put(kind, "flood")
+    for number in range(640):
+        inbox.put(kind, number)
     for other in others:
         inbox.put(other, other)
-    taken = items(inbox)
-    assert [item for item in taken if item != "flood"] == [*others, *others]
-    assert taken.count("flood") == MOST_WAITING[kind]
-    assert inbox.overflowed == 640 - MOST_WAITING[kind]
+    kept = list(range(most) if kind in QUERIES else range(640 - most, 640))
+    assert items(inbox) == [*others, *kept, *others]
+    assert inbox.overflowed == 640 - most
 
 
 def test_an_arrival_wakes_the_reader_and_nothing_waits_for_none() -> None:
@@ -68,49 +59,28 @@ def test_an_arrival_wakes_the_reader_and_nothing_waits_for_none() -> None:
     assert inbox.take(0.01) is None, "what rang was taken already"
 
 
-@pytest.fixture
-def _interrupted() -> Iterator[None]:
-    """Interrupt the main thread by signals, again and again."""
-    before = signal.signal(signal.SIGALRM, lambda *_: None)
-    signal.setitimer(signal.ITIMER_REAL, 0.0007, 0.0007)
-    yield
-    signal.setitimer(signal.ITIMER_REAL, 0)
-    signal.signal(signal.SIGALRM, before)
-
-
 @pytest.mark.slow
-@pytest.mark.usefixtures("_interrupted")
 def test_signals_and_arrivals_that_were_taken_already_do_not_block_the_reader() -> None:
-    inbox = Inbox()
-    rescued, done, stop = threading.Event(), threading.Event(), threading.Event()
+    inbox, until_s = Inbox(), time.monotonic() + FOREVER_S
 
-    def rescue() -> None:
-        if done.wait(FOREVER_S):
-            return
-        rescued.set()
-        while not done.wait(0.001):
-            inbox.put("estop", None)
+    def interrupt(*_: object) -> None:
+        assert time.monotonic() < until_s, "it blocked"
 
-    def flood() -> None:
-        while not stop.is_set():
-            for _ in range(3):
-                inbox.put("command", None)
-            time.sleep(0.0005)
+    def put() -> None:
+        for _ in range(3):
+            inbox.put("command", None)
 
-    threading.Thread(target=rescue).start()
-    flooding = threading.Thread(target=flood)
-    flooding.start()
+    before = signal.signal(signal.SIGALRM, interrupt)
+    signal.setitimer(signal.ITIMER_REAL, 0.0007, 0.0007)
     try:
-        for _ in range(500):
-            inbox.take(0.001)
-        stop.set()
-        flooding.join()
+        with repeated(put, 0.0005):
+            for _ in range(500):
+                inbox.take(0.001)
         for _ in range(500):
             inbox.take(0.001)
     finally:
-        stop.set()
-        done.set()
-    assert not rescued.is_set(), "it blocked"
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
 
 
 @pytest.fixture

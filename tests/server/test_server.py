@@ -1,8 +1,11 @@
-"""The robot's side of the link, tick by tick, with the network left out."""
+"""The robot's side of the link, tick by tick, with the network left out; and hostile input at every key."""
 
 import json
 import os
+import random
 import socket
+import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,17 +13,20 @@ import pytest
 
 from hexctl.backends.base import TruePose
 from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.zenoh.zenoh_client import ask
 from hexctl.control.guard import POSE_EXPIRY_S
-from hexctl.errors import RobotFaultError
+from hexctl.server.transport import Arrival
 from hexctl.types import FloatArray
 from hexctl.wire.description import user_name
+from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.pose import decode_estimate, decode_orientation, decode_pose, encode_pose
 from hexctl.wire.stop import UNNAMED
-from hexctl.wire.zenoh_messages import (
-    SERVER_ENDED,
-)
+from hexctl.wire.zenoh_messages import SERVER_ENDED, encode_positions
+from hexctl.wire.zenoh_session import open_session
 from tests.control.posed import PosedMock
-from tests.server.bench import Bench
+from tests.server.bench import Bench, Item, spoiled
+from tests.server.processes import TIMEOUT_S, served
+from tests.wire.test_zenoh_messages import COMMAND_BYTES
 
 HERE, UPRIGHT = np.array([1.0, 2.0, 0.1]), np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -264,21 +270,6 @@ def test_a_pose_from_outside_leaves_the_fall_detection_to_the_robots_own_orienta
     assert bench.stopped == "fell"
 
 
-@pytest.mark.parametrize("error", [OSError(5, "Input/output error"), KeyError("leg7")])
-def test_servos_that_raise_while_a_command_is_answered_are_a_fault_with_a_name(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch, error: Exception
-) -> None:
-    def read() -> None:
-        raise error
-
-    bench.obey()
-    monkeypatch.setattr(bench.servos, "read", read)
-    with pytest.raises(RobotFaultError, match=type(error).__name__):
-        bench.command(bench.stance_rad + 0.01)
-    with pytest.raises(RobotFaultError, match=r"PosedMock\.read"):
-        bench.ticks(1)
-
-
 @pytest.mark.parametrize(("position", "quaternion"), [(HERE, None), (None, UPRIGHT), (HERE, UPRIGHT)])
 def test_a_pose_from_outside_that_stops_coming_is_lost_whatever_the_robot_knows_itself(
     bench: Bench, position: Any, quaternion: Any
@@ -359,3 +350,85 @@ def test_the_status_and_the_answer_to_a_stop_say_who_started_the_robot(bench: Be
             os.getpid(),
         )
         assert (answer["robot"], answer["backend"]) == ("ant", "mock")
+
+
+#: Messages at each key in the ordinary tests, and in the soak tests.
+TIMES, MANY = 3_000, 100_000
+
+GOOD = {
+    "command": encode_positions(np.zeros(18)),
+    "pose": encode_pose(np.zeros(3), UPRIGHT),
+    "lease": b'{"op": "renew", "lease": "00"}',
+    "estop": b'{"op": "clear"}',
+    "describe": b"",
+}
+
+
+@pytest.mark.parametrize("kind", list(GOOD))
+@pytest.mark.parametrize("times", [TIMES, pytest.param(MANY, marks=pytest.mark.soak)])
+def test_spoiled_messages_move_nothing_and_are_counted(bench: Bench, kind: str, times: int) -> None:
+    chance = random.Random(kind)
+    for _ in range(times):
+        attachment = spoiled(COMMAND_BYTES, chance) if chance.random() < 0.9 else COMMAND_BYTES
+        item: Any = Item(spoiled(GOOD[kind], chance), attachment)
+        bench.server._handle(Arrival(kind, item, 0.0))
+        assert item.dropped == (kind in ("lease", "estop", "describe"))
+    status = bench.server.status()
+    assert not bench.servos.sent
+    commands = status["commands"]
+    assert commands["accepted"] == 0
+    if kind == "command":
+        assert commands["malformed"] + commands["stale_owner"] == times
+    if kind == "pose":
+        assert status["malformed"]["poses"] > times / 2
+    if kind in ("lease", "estop"):
+        assert status["malformed"]["requests"] > times / 2
+        assert status["controller"] is None
+
+
+def test_spoiled_commands_of_the_lease_holder_never_leave_the_limits(bench: Bench) -> None:
+    chance = random.Random(1)
+    bench.acquire()
+    for _ in range(5_000):
+        bench.send_command(spoiled(GOOD["command"], chance))
+    robot = bench.servos.robot
+    sent = np.array([targets.joint_positions_rad for targets in bench.servos.sent])
+    assert len(sent) == bench.server.status()["commands"]["accepted"] > 10
+    assert np.isfinite(sent).all()
+    within = robot.joint_max_speed_rad_s * bench.servos.clock.period_s + 1e-9
+    assert (np.abs(sent - robot.stance_angles_rad) <= within).all()
+
+
+def test_a_message_of_a_million_joints_is_dropped(bench: Bench) -> None:
+    for kind in GOOD:
+        item: Any = Item(bytes(8_000_000), COMMAND_BYTES)
+        bench.server._handle(Arrival(kind, item, 0.0))
+    assert bench.server.status()["commands"]["malformed"] == 1
+    assert not bench.servos.sent
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("kind", ["command", "pose", "lease", "estop", "describe", "status"])
+def test_a_hundred_thousand_spoiled_messages_over_the_link_move_nothing_and_delay_no_stop(
+    tmp_path: Path, kind: str
+) -> None:
+    chance, keys = random.Random(kind), KeyMap.of("ant")
+    good = GOOD.get(kind, b"{}")
+    with (
+        served(tmp_path) as robot,
+        open_session(Link(endpoint=robot.endpoint), Role.CONTROLLER, keys) as session,
+    ):
+        key = getattr(keys, kind)
+        for _ in range(MANY):
+            session.put(key, spoiled(good, chance), attachment=spoiled(COMMAND_BYTES, chance))
+        assert robot.process.poll() is None
+        began_s = time.monotonic()
+        assert [one["stopped"] for one in ask(session, keys.estop, {"op": "stop"})] == ["estop"]
+        assert time.monotonic() - began_s < TIMEOUT_S
+        status = robot.status()
+        assert status["stopped"] == "estop"
+        assert robot.log().times_s.size == 0
+        if kind == "command":
+            counts = status["commands"]
+            dropped = counts["malformed"] + counts["stale_owner"] + counts["overflowed"]
+            assert dropped > MANY / 100  # Zenoh drops what a robot cannot take; what came is counted

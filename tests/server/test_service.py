@@ -30,22 +30,6 @@ def local() -> str:
     return f"tcp/127.0.0.1:{free_port()}"
 
 
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        ({"backend": "zenoh"}, "sim"),
-        ({"connect": "/dev/ttyACM0"}, "connect"),
-        ({"sit_after_s": float("nan")}, "sit"),
-        ({"seed": -1}, "seed"),
-        ({"backend": "mock", "failed_leg": 5}, "failed_leg"),
-        ({"backend": "mock", "world": "rough"}, "world"),
-    ],
-)
-def test_what_cannot_be_served_is_refused_when_it_is_described(options: dict[str, Any], named: str) -> None:
-    with pytest.raises(InputError, match=named):
-        RobotService(**options)
-
-
 def test_a_port_that_is_missing_is_named_as_a_server_is_given_it(tmp_path: Path) -> None:
     file = tmp_path / "jethexa.yaml"
     shipped = (config_root() / "robots" / "jethexa.yaml").read_text(encoding="utf-8")
@@ -115,10 +99,10 @@ def snapshot(
     return RobotSnapshot(**{"state": state, "stop": stopped_for(stopped), **more})
 
 
-def lines_of(*notes: dict[str, Any], clear: str = "clear") -> list[str]:
+def lines_of(*notes: dict[str, Any]) -> list[str]:
     """What is reported, without the time, of notes that come one after the other."""
     told: list[str] = []
-    log = EventLog(told.append, clear=clear)
+    log = EventLog(told.append, clear="clear")
     for note in notes:
         log.note(snapshot(**note))
     log.close()

@@ -9,14 +9,13 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable
 from contextlib import suppress
 
 #: Messages by kind.
 MESSAGES = {"valid": b'{"v":[0.1,0,0]}', "invalid": b'{"v":[', "gait": b'{"do":"gait"}', "connect": b""}
 
-#: Messages in one piece at full speed.
-AT_ONCE = 5_000
+#: Messages in one piece at full speed, and the pause between two pieces at a rate.
+AT_ONCE, PAUSE_S = 5_000, 0.005
 
 
 def frame(payload: bytes) -> bytes:
@@ -45,44 +44,31 @@ def _drain(link: socket.socket) -> None:
             pass
 
 
-def flood(port: int, kind: str, pause: Callable[[], int]) -> None:
-    """Send until the connection is closed; `pause` waits, and says how many messages follow."""
-    message = frame(MESSAGES[kind])
+def flood(port: int, kind: str, rate: str) -> None:
+    """Send until the connection is closed."""
+    message, sent, begun_s = frame(MESSAGES[kind]), 0, time.monotonic()
     with opened(port) as link:
         threading.Thread(target=_drain, args=(link,), daemon=True).start()
         while kind != "connect":
-            link.sendall(message * pause())
-
-
-def _paced(rate: str) -> Callable[[], int]:
-    """Pauses at a rate."""
-    begun_s, sent = time.monotonic(), 0
-
-    def pause() -> int:
-        nonlocal sent
-        if rate == "full":
-            return AT_ONCE
-        time.sleep(max(0.005, 1 / float(rate)))
-        due = max(1, int((time.monotonic() - begun_s) * float(rate)) - sent)
-        sent += due
-        return min(due, int(float(rate)))
-
-    return pause
+            due = AT_ONCE
+            if rate != "full":
+                time.sleep(PAUSE_S)
+                due = int((time.monotonic() - begun_s) * float(rate)) - sent
+            link.sendall(message * due)
+            sent += due
 
 
 def main() -> None:
     """Flood until the input ends."""
-    port, kind, rate = int(sys.argv[1]), sys.argv[2], sys.argv[3]
 
     def end() -> None:
         sys.stdin.read()
         os._exit(0)
 
     threading.Thread(target=end, daemon=True).start()
-    pause = _paced(rate)
     while True:
         with suppress(OSError):
-            flood(port, kind, pause)
+            flood(int(sys.argv[1]), *sys.argv[2:])
 
 
 if __name__ == "__main__":
