@@ -14,8 +14,7 @@ from hexctl.types import FloatArray, JointTargets
 
 VARIABLE = "HEXCTL_TEST_SERVO_LOG"
 
-_ROW = struct.Struct("<dB18d")
-_WRITE, _RELAX = 0, 1
+_ROW = struct.Struct("<19d")
 
 
 class RecordedServos(MockServos):
@@ -28,12 +27,12 @@ class RecordedServos(MockServos):
     def write(self, targets: JointTargets) -> JointTargets:
         """Take the targets over and write them down."""
         sent = super().write(targets)
-        self._log.write(_ROW.pack(time.monotonic(), _WRITE, *sent.joint_positions_rad))
+        self._log.write(_ROW.pack(time.monotonic(), *sent.joint_positions_rad))
         return sent
 
     def disable_torque(self) -> bool:
         """Go limp and write that down."""
-        self._log.write(_ROW.pack(time.monotonic(), _RELAX, *self._positions_rad))
+        self._log.write(_ROW.pack(time.monotonic(), *self._positions_rad))
         return super().disable_torque()
 
 
@@ -44,27 +43,20 @@ class ServoLog:
     Attributes:
         times_s: on time.monotonic, (n,).
         joint_positions_rad: (n, 18).
-        relaxed: which rows are a relaxing, (n,).
     """
 
     times_s: FloatArray
     joint_positions_rad: FloatArray
-    relaxed: FloatArray
 
     @classmethod
     def read(cls, path: Path) -> "ServoLog":
         """Read the log of a robot that may still be running."""
         data = path.read_bytes()
-        rows = np.array(list(_ROW.iter_unpack(data[: len(data) // _ROW.size * _ROW.size]))).reshape(-1, 20)
-        return cls(rows[:, 0], rows[:, 2:], rows[:, 1] == _RELAX)
+        rows = np.array(list(_ROW.iter_unpack(data[: len(data) // _ROW.size * _ROW.size]))).reshape(-1, 19)
+        return cls(rows[:, 0], rows[:, 1:])
 
     def moved_after(self, time_s: float) -> float:
         """How long after a moment the servos were last told to go elsewhere; 0 if never."""
         changed = np.flatnonzero((np.diff(self.joint_positions_rad, axis=0) != 0).any(axis=1)) + 1
         last_s = self.times_s[changed[-1]] if changed.size else time_s
         return max(0.0, float(last_s - time_s))
-
-    def between(self, start_s: float, end_s: float) -> "ServoLog":
-        """The part of the log within a time."""
-        rows = (self.times_s >= start_s) & (self.times_s <= end_s)
-        return ServoLog(self.times_s[rows], self.joint_positions_rad[rows], self.relaxed[rows])

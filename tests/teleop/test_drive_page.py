@@ -59,12 +59,9 @@ def page_client(
     """A client of a page, by default from the page itself."""
     words = [Subprotocol(PROTOCOL), *([] if token is None else [Subprotocol(f"token.{token}")])]
     own, tls = f"127.0.0.1:{page.port}", "s" if "ssl" in options else ""
-    return connect(
-        f"ws{tls}://{own}{path}",
-        origin=Origin(origin or f"http{tls}://{own}"),
-        subprotocols=words,
-        **options,
-    )
+    place, origin = f"ws{tls}://{own}{path}", origin or f"http{tls}://{own}"
+    client: ClientConnection = connect(place, origin=Origin(origin), subprotocols=words, **options)
+    return client
 
 
 class Served:

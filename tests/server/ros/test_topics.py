@@ -1,6 +1,7 @@
 """Topics of a robot: frames map -> odom -> base_link, dead reckoning, diagnostics, and the router's port."""
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -377,24 +378,10 @@ def test_without_an_own_pose_odom_begins_at_the_origin() -> None:
     same(in_map(walker.posed(pose)), pose)
 
 
-def test_odometry_is_that_of_dead_reckoning() -> None:
-    walker = Walker(index=80)
-    walker.own()
-    for jump_m in np.linspace(0, 1, 20):
-        found = walker.posed(walker.outside(np.array([jump_m, 0, 0])))
-        assert walker.last is not None
-        message = walker.messages.odometry(walker.last)
-    assert message is not None
-    told = decoded(ros_cdr.ODOMETRY, message)
-    assert (told.header.frame_id, told.child_frame_id) == ("odom", "base_link")
-    at = told.pose.pose.position
-    np.testing.assert_array_equal([at.x, at.y, at.z], found["base_link"][1].position_m)
-    assert 0.03 < told.twist.twist.linear.x < 0.3
-    assert abs(told.twist.twist.linear.y) < 0.1
-
-
-def errors(message: bytes | None) -> FloatArray:
-    """Standard deviations of a pose: x, y, z in m, roll, pitch, yaw in rad."""
+def odometry(walker: Walker) -> tuple[Any, FloatArray]:
+    """Odometry as it is sent, and its standard deviations of x, y, z in m and roll, pitch, yaw in rad."""
+    assert walker.last is not None
+    message = walker.messages.odometry(walker.last)
     assert message is not None
     told = decoded(ros_cdr.ODOMETRY, message)
     matrix = np.array(told.pose.covariance).reshape(6, 6)
@@ -402,20 +389,24 @@ def errors(message: bytes | None) -> FloatArray:
     assert (np.diag(matrix) > 0).all()
     assert (twist > 0).all()
     assert not (matrix - np.diag(np.diag(matrix))).any()
-    return np.sqrt(np.diag(matrix))
+    return told, np.sqrt(np.diag(matrix))
 
 
 @pytest.mark.parametrize("has_imu", [True, False])
-def test_the_covariance_of_dead_reckoning_grows_and_covers_its_error(has_imu: bool) -> None:
+def test_odometry_is_dead_reckoning_and_its_covariance_grows_and_covers_its_error(has_imu: bool) -> None:
     walker = Walker(index=60, has_imu=has_imu)
     walker.own()
-    assert walker.last is not None
-    own = errors(walker.messages.odometry(walker.last))
-    assert own[0] == pytest.approx(0.003)
+    assert odometry(walker)[1][0] == pytest.approx(0.003)
     found: list[FloatArray] = []
     for _ in range(100):
-        walker.posed(walker.outside())
-        found.append(errors(walker.messages.odometry(walker.last)))
+        body = walker.posed(walker.outside())["base_link"][1]
+        told, errors = odometry(walker)
+        found.append(errors)
+    assert (told.header.frame_id, told.child_frame_id) == ("odom", "base_link")
+    at = told.pose.pose.position
+    np.testing.assert_array_equal([at.x, at.y, at.z], body.position_m)
+    assert 0.03 < told.twist.twist.linear.x < 0.3
+    assert abs(told.twist.twist.linear.y) < 0.1
     way = walked().poses[60:160, :2]
     moved_m = np.linalg.norm(np.diff(way, axis=0), axis=1).sum()
     assert (np.diff(found, axis=0) >= 0).all()
