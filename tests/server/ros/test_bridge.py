@@ -295,7 +295,7 @@ def test_a_velocity_moves_the_robot_and_silence_stops_it(network: tuple[Served, 
         say_velocity(node, publisher, kind, 0.08)
         time.sleep(0.05)
         walked_m = poses[-1].pose.pose.position.x - start
-        return walked_m > 0.1 and robot.status()["controller"] == "ROS 2"
+        return bool(walked_m > 0.1 and robot.status()["controller"] == "ROS 2")
 
     wait_until(walks, "10 cm of walking under the lease of ROS")
     fastest = max(one.twist.twist.linear.x for one in poses)
