@@ -12,9 +12,8 @@ from typing import Any
 import pytest
 
 from hexctl.cli.main import app, exit_code
-from tests.golden import choices, sessions, shapes, trials
+from tests.golden import choices, stored, trials
 from tests.golden.make import DATA, PRINTED
-from tests.golden.probe import probe
 from tests.server.processes import served, stopped_by_session
 
 Printed = Callable[[str], Any]
@@ -32,7 +31,7 @@ def kept(name: str) -> Any:
 TRIALS, CHOICES, SESSIONS, SHAPES = (
     kept(f"{name}.json") for name in ("trials", "choices", "sessions", "shapes")
 )
-SAME_BITS = TRIALS["probe"] == probe()
+SAME_BITS = TRIALS["probe"] == trials.probe()
 
 
 def assert_same(now: Any, before: Any) -> None:
@@ -109,15 +108,15 @@ def printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
 def test_a_stored_session_is_shown_and_goes_on_as_it_would_have(
     name: str, printed: Printed, tmp_path: Path
 ) -> None:
-    sessions.unpack(tmp_path)
+    stored.unpack(tmp_path)
     shown = printed(f"sessions show {name}")
-    assert len(shown["trials"]) == sessions.BEGUN[name][1]
-    after = sessions.course(printed(f"adapt {sessions.CONTINUED[name]} --no-record"))
+    assert len(shown["trials"]) == stored.BEGUN[name][1]
+    after = stored.course(printed(f"adapt {stored.CONTINUED[name]} --no-record"))
     assert_same(after, SESSIONS[name])
 
 
 def test_stored_sessions_are_listed(printed: Printed, tmp_path: Path) -> None:
-    sessions.unpack(tmp_path)
+    stored.unpack(tmp_path)
     assert {row["session"] for row in printed("sessions list")} == set(SESSIONS)
 
 
@@ -139,14 +138,14 @@ def assert_keeps(now: Any, before: Any, where: str = "") -> None:
 @pytest.mark.slow
 def test_json_of_the_commands(printed: Printed, tmp_path: Path) -> None:
     for name, line in PRINTED.items():
-        assert_keeps(shapes.of_json(printed(line)), SHAPES["json"][name], name)
+        assert_keeps(stored.of_json(printed(line)), SHAPES["json"][name], name)
     with served(tmp_path, backend="sim") as robot:
         status = printed(f"status --connect {robot.endpoint}")
-        assert_keeps(shapes.of_json(status), SHAPES["json"]["status"], "status")
+        assert_keeps(stored.of_json(status), SHAPES["json"]["status"], "status")
         estop = stopped_by_session(
             lambda: printed(f"estop --connect {robot.endpoint}"), lambda answer: bool(answer["robots"])
         )
-        assert_keeps(shapes.of_json(estop), SHAPES["json"]["estop"], "estop")
+        assert_keeps(stored.of_json(estop), SHAPES["json"]["estop"], "estop")
 
 
 @pytest.mark.slow
@@ -158,14 +157,14 @@ def test_recordings_and_tables(printed: Printed, tmp_path: Path) -> None:
         ("sessions list", printed("sessions list")),
         ("sessions show", printed(f"sessions show {session['session']}")),
     ):
-        assert_keeps(shapes.of_json(answer), SHAPES["json"][name], name)
+        assert_keeps(stored.of_json(answer), SHAPES["json"][name], name)
     exit_code(["export", session["session"], "--output", "out.csv"])
     columns = (tmp_path / "out.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
     assert columns[: len(SHAPES["table"])] == SHAPES["table"]
     folder = tmp_path / "runs" / session["session"]
     assert {path.name for path in folder.iterdir()} >= set(SHAPES["files"])
     for name, path in (("run", tmp_path / "walk.rrd"), ("adapt", folder / "overview.rrd")):
-        assert_recorded(shapes.of_recording(path), SHAPES["recordings"][name])
+        assert_recorded(stored.of_recording(path), SHAPES["recordings"][name])
 
 
 def assert_recorded(now: dict[str, Any], before: dict[str, Any]) -> None:
@@ -182,7 +181,7 @@ def assert_recorded(now: dict[str, Any], before: dict[str, Any]) -> None:
 
 
 def test_commands_and_options() -> None:
-    now = shapes.of_commands(app)
+    now = stored.of_commands(app)
     for command, options in SHAPES["commands"].items():
         assert command in now, f"hexctl {command} is gone"
         assert set(now[command]) >= set(options), f"hexctl {command}"

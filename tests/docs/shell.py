@@ -56,10 +56,7 @@ PARSED = {
     ("prior", "build"): "walks 120 gaits a world, for minutes; tests/cli/test_study.py has it",
     ("run", "2:limp@8"): "fails later than a shortened walk ends; tests/cli/test_run.py has one",
     ("run", "5:locked@8"): "the same",
-    (
-        "run",
-        "--then",
-    ): "changes gait later than a shortened walk ends; tests/cli/test_run.py has one",
+    ("run", "--then"): "the same",
     ("--dask",): "needs a cluster; tests/study has one",
 }
 

@@ -3,27 +3,34 @@
 import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import typer
 import yaml
 
+from hexctl.backends.base import LegServos
+from hexctl.backends.registry import BackendOptions, check_options, make_servos
 from hexctl.backends.sim.world import DomainRandomization, World
-from hexctl.cli.main import exit_code
+from hexctl.cli.main import app, exit_code
 from hexctl.control.assessment.speed_envelope import VelocityLimits
+from hexctl.errors import InputError
 from hexctl.gait.gait import DEFAULT_GAIT, make_gait
 from hexctl.robot.formats.link_frames import BASE_LINK
 from hexctl.robot.loader import load_meshes, load_robot, load_robot_file
 from hexctl.robot.schema import MountSection, RobotSchema
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.pwm_map import pwm_map_of
+from hexctl.testing import LegServosConformance
 from hexctl.types import JOINT_NAMES
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import load_link
-from tests.docs.pages import PAGES, ROOT, blocks, save_programs
+from tests.backends.fake_time import FakeTime
+from tests.docs.pages import LANGUAGES, PAGES, ROOT, blocks, commands, inline_commands, save_programs, tabs
+from tests.docs.shell import Shell, of_hexctl, parse
 from tests.robot.meshmaking import MAKERS
 from tests.robots import edited_file, put
 from tests.vision.scenes import film_walk
@@ -155,3 +162,110 @@ def test_the_programs_of_a_page_run(page: Path, tmp_path: Path, monkeypatch: pyt
             answer, most_lines = README
             assert re.fullmatch(answer, done.stdout)
             assert len(block.lines) <= most_lines
+
+
+KIT = "mykit:KitServos"
+
+
+@pytest.fixture(scope="module")
+def kit_in_this_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Save `mykit.py` of the page in a folder of the path."""
+    folder = tmp_path_factory.mktemp("kit")
+    save_programs(ROOT / "docs" / "how-to" / "extend.md", folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(folder)
+        yield
+    sys.modules.pop("mykit", None)
+
+
+def kit_options(**given: object) -> BackendOptions:
+    file = load_robot_file("ant")
+    return BackendOptions(robot=file.robot, robot_file=file, **given)  # type: ignore[arg-type]
+
+
+@pytest.mark.usefixtures("kit_in_this_folder")
+class TestKitServos(LegServosConformance):
+    def make(self) -> LegServos:
+        servos = make_servos(KIT, kit_options())
+        vars(servos)["_clock"] = FakeTime().clock()  # its own one waits
+        return servos
+
+
+@pytest.mark.usefixtures("kit_in_this_folder")
+def test_the_section_servos_and_the_port_reach_the_kit(tmp_path: Path) -> None:
+    port = tmp_path / "port"
+    check_options(KIT, connect=str(port))
+    with make_servos(KIT, kit_options(connect=str(port))) as servos:
+        state = servos.read()
+        assert not state.measured
+    assert port.read_text() == ""
+    with pytest.raises(InputError, match=f"^seed: got 3 with backend {KIT}, whose class takes no `seed`"):
+        check_options(KIT, seed=3)
+
+
+#: The beginning of a line that somebody would type.
+COMMAND = re.compile(r"\s*(\$ |# )?(hexctl|make|pip|python3?|git|sudo|mkdocs|dask)\s")
+
+
+@pytest.mark.long
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    ("page", "tab"),
+    [
+        pytest.param(page, tab, id="-".join(filter(None, (page.name, tab))))
+        for page in PAGES
+        if commands(page)
+        for tab in tabs(page)
+    ],
+)
+def test_the_commands_of_a_page(
+    page: Path, tab: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A page with tabs is followed once in each of them."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    # For the programs it starts: no display, one thread.
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
+    save_programs(page, tmp_path)
+    with Shell(tmp_path, page) as shell:
+        for words in commands(page, tab):
+            shell.do(words)
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if commands(page)], ids=lambda page: page.name)
+def test_each_command_is_one_that_hexctl_takes(page: Path) -> None:
+    """Run are those of some pages by `.ci/run` and of all by `make test-all`."""
+    for words in commands(page):
+        for arguments in of_hexctl(words):
+            parse(arguments)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_no_command_escapes(page: Path) -> None:
+    """Commands stand in `sh` blocks, where they are run."""
+    for block in blocks(page):
+        assert block.language in LANGUAGES, f"a block of {block.language!r}"
+        if block.language != "sh":
+            assert not [line for line in block.lines if COMMAND.match(line)], block.language
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_in_the_text_exist_with_their_options(page: Path) -> None:
+    for words in inline_commands(page, "hexctl"):
+        assert_exists(words[1:])
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for words in inline_commands(page, "make"):
+        for target in (word for word in words[1:] if "=" not in word):
+            assert re.search(rf"^{target}:", makefile, re.MULTILINE), f"make {target}"
+
+
+def assert_exists(words: list[str]) -> None:
+    """Check a command that may have placeholders: SESSION, FILE or three dots."""
+    command = typer.main.get_command(app)
+    while hasattr(command, "commands") and words and not words[0].startswith("-"):
+        command = command.commands[words[0]]
+        words = words[1:]
+    known = {name for parameter in command.params for name in getattr(parameter, "opts", ())}
+    known |= {"--help", "--version"}
+    for word in words:
+        assert not word.startswith("--") or word in known, f"{word} of {command.name}"

@@ -3,6 +3,7 @@
 import ast
 import importlib.util
 import json
+import math
 import os
 import re
 import shutil
@@ -22,6 +23,7 @@ import hexctl.testing
 import hexctl.vision
 from hexctl.gait.encoding import slots_from_code
 from hexctl.settings import FILE as SETTINGS_FILE
+from pictures.step_response import SHIFT_M, TURN_RAD, respond
 from tests.docs.pages import PAGES, REFERENCE, ROOT, blocks
 
 DOCS = ROOT / "docs"
@@ -71,7 +73,9 @@ def test_the_site_shows_its_version_references_equations_and_short_code(site: Pa
     assert f"<title>hexctl {version}</title>" in (site / "index.html").read_text(encoding="utf-8")
     commands = (site / "reference" / "command-line.html").read_text(encoding="utf-8")
     assert '<code class="short">--failed-leg TEXT</code>' in commands
-    assert "generated:" not in commands
+    matrix = (site / "results" / "fault-matrix.html").read_text(encoding="utf-8")
+    assert "controller killed" in matrix
+    assert "generated:" not in commands + matrix
     pages = [page.read_text(encoding="utf-8") for page in site.rglob("*.html")]
     assert any("<math " in page for page in pages)
     assert not any('class="arithmatex"' in page for page in pages)
@@ -260,3 +264,28 @@ def test_the_codes_of_the_gait_page() -> None:
         assert ",".join(map(str, slots_from_code(int(code)))) == intact
         if failed:
             assert ",".join(map(str, slots_from_code(int(code), (5,)))) == failed
+
+
+@pytest.mark.slow
+def test_a_walk_comes_to_a_line_that_moves_as_the_page_says() -> None:
+    moved = respond("ant", None, shift_m=SHIFT_M, turn_rad=0.0)
+    assert moved.deviation_m[0] < -0.99 * SHIFT_M
+    assert moved.reached_at(moved.deviation_m) < 5
+    assert moved.deviation_m.max() < 0.06
+    assert moved.settled_at(moved.deviation_m, SHIFT_M) < 18
+
+
+@pytest.mark.slow
+def test_a_walk_turns_with_its_line_as_the_page_says() -> None:
+    turned = respond("ant", 3, shift_m=0.0, turn_rad=TURN_RAD)
+    assert turned.yaw_off_rad[0] < -0.95 * TURN_RAD
+    assert turned.reached_at(turned.yaw_off_rad) < 6
+    assert turned.yaw_off_rad.max() < math.radians(4.0)
+    assert abs(turned.deviation_m).max() < 0.04
+    assert abs(turned.deviation_m[-50:]).max() < 0.01
+
+
+def test_the_picture_is_small_and_on_top_of_the_readme() -> None:
+    assert (DOCS / "images" / "rescue.gif").stat().st_size <= 2_000_000
+    head = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()[:6]
+    assert any("docs/images/rescue.gif" in line for line in head)

@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from hexctl.cli.main import app
-from tests.golden import choices, sessions, shapes, trials
-from tests.golden.probe import probe
+from tests.golden import choices, stored, trials
 from tests.server.processes import served
 
-DATA = sessions.STORE.parent
+DATA = stored.STORE.parent
 
 #: The commands whose `--json` is kept, by name; those of a session and of a served robot beside them.
 PRINTED = {
@@ -39,45 +38,45 @@ def hexctl(folder: Path, line: str, *, json_: bool = True) -> Any:
 
 def make_sessions(folder: Path) -> None:
     """Walk sessions and keep them; only for sessions of another form."""
-    sessions.place_prior(folder)
-    shutil.rmtree(sessions.STORE, ignore_errors=True)
-    for name, (options, trials_kept) in sessions.BEGUN.items():
-        prior = f"--prior {sessions.PRIOR}" if "bayes" in name else ""
+    stored.place_prior(folder)
+    shutil.rmtree(stored.STORE, ignore_errors=True)
+    for name, (options, trials_kept) in stored.BEGUN.items():
+        prior = f"--prior {stored.PRIOR}" if "bayes" in name else ""
         whole = hexctl(folder, f"adapt {options} {prior} --no-record")
-        sessions.keep(folder / "runs" / whole["session"], sessions.STORE / name, trials_kept)
+        stored.keep(folder / "runs" / whole["session"], stored.STORE / name, trials_kept)
 
 
 def continue_sessions(folder: Path) -> dict[str, Any]:
     """What the kept sessions are when continued."""
-    sessions.unpack(folder)
+    stored.unpack(folder)
     return {
-        name: sessions.course(hexctl(folder, f"adapt {line} --no-record"))
-        for name, line in sessions.CONTINUED.items()
+        name: stored.course(hexctl(folder, f"adapt {line} --no-record"))
+        for name, line in stored.CONTINUED.items()
     }
 
 
 def make_shapes(folder: Path) -> dict[str, Any]:
     """The shapes of what the commands write and print."""
     (folder / "configs").symlink_to(Path("configs").resolve())
-    printed = {name: shapes.of_json(hexctl(folder, line)) for name, line in PRINTED.items()}
+    printed = {name: stored.of_json(hexctl(folder, line)) for name, line in PRINTED.items()}
     session = hexctl(folder, "adapt --failed-leg 5 --budget 2 --optimizer random --duration 1")
-    printed["adapt"] = shapes.of_json(session)
-    printed["sessions list"] = shapes.of_json(hexctl(folder, "sessions list"))
-    printed["sessions show"] = shapes.of_json(hexctl(folder, f"sessions show {session['session']}"))
+    printed["adapt"] = stored.of_json(session)
+    printed["sessions list"] = stored.of_json(hexctl(folder, "sessions list"))
+    printed["sessions show"] = stored.of_json(hexctl(folder, f"sessions show {session['session']}"))
     hexctl(folder, f"export {session['session']} --output out.csv", json_=False)
     with served(folder, backend="sim") as robot:
-        printed["status"] = shapes.of_json(hexctl(folder, f"status --connect {robot.endpoint}"))
-        printed["estop"] = shapes.of_json(hexctl(folder, f"estop --connect {robot.endpoint}"))
+        printed["status"] = stored.of_json(hexctl(folder, f"status --connect {robot.endpoint}"))
+        printed["estop"] = stored.of_json(hexctl(folder, f"estop --connect {robot.endpoint}"))
     recordings = folder / "runs" / session["session"]
     return {
         "json": printed,
         "files": sorted(path.name for path in recordings.iterdir()),
         "recordings": {
-            "run": shapes.of_recording(folder / "walk.rrd"),
-            "adapt": shapes.of_recording(recordings / "overview.rrd"),
+            "run": stored.of_recording(folder / "walk.rrd"),
+            "adapt": stored.of_recording(recordings / "overview.rrd"),
         },
         "table": (folder / "out.csv").read_text(encoding="utf-8").splitlines()[0].split(","),
-        "commands": shapes.of_commands(app),
+        "commands": stored.of_commands(app),
     }
 
 
@@ -95,7 +94,7 @@ def main() -> None:
     write(
         "trials.json",
         {
-            "probe": probe(),
+            "probe": trials.probe(),
             "results": {name: result for name, (result, _) in results.items()},
             "logs": {name: log for name, (_, log) in results.items()},
         },
@@ -108,7 +107,7 @@ def main() -> None:
             "asked": {f"{name} {seed}": choices.asked(name, seed) for name, seed in choices.SEARCHES},
         },
     )
-    if not sessions.STORE.exists():
+    if not stored.STORE.exists():
         with tempfile.TemporaryDirectory() as folder:
             make_sessions(Path(folder))
     with tempfile.TemporaryDirectory() as folder:

@@ -1,7 +1,6 @@
-"""A short simulated trial with a failed leg, a made-up session, and a reader of recordings."""
+"""A short simulated trial with a failed leg, and a reader of recordings."""
 
 from collections import defaultdict
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,9 +17,6 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.gait.gait import make_gait
 from hexctl.recording.recording import Recording
-from hexctl.recording.rrd_reader import HEAD_BYTES as STREAM_HEAD_BYTES
-from hexctl.recording.rrd_reader import MESSAGE_HEAD
-from hexctl.recording.sessions.session_overview import Overview, OverviewTrial
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
@@ -120,38 +116,3 @@ class ReadBack:
                 if rows:
                     found[entity, name] = rows
         return found
-
-
-def make_trial(index: int, deviation_m: float, *, valid: bool = True) -> OverviewTrial:
-    return OverviewTrial(
-        index=index,
-        code=10 * index,
-        slots=(1, 2, 3, 4, 5, 6),
-        score_m=abs(deviation_m) if valid else None,
-        deviation_m=deviation_m,
-        distance_m=4.0,
-        status="ok" if valid else "fell",
-        path_m=np.linspace([0.0, 0.0], [4.0, deviation_m], 20),
-    )
-
-
-def make_overview(*trials: OverviewTrial) -> Overview:
-    return Overview(
-        title="a session", facts=("leg 5",), objective="deviation at the end", course_m=4.5, trials=trials
-    )
-
-
-SESSION = make_overview(
-    make_trial(1, -0.8), make_trial(2, 0.0, valid=False), make_trial(3, 0.3), make_trial(4, 1.2)
-)
-
-
-def messages(content: bytes, *kinds: int) -> Iterator[tuple[int, int]]:
-    """Where each message of some kinds begins, behind its head, and where it ends."""
-    at = STREAM_HEAD_BYTES
-    while at + MESSAGE_HEAD.size <= len(content):
-        kind, length = MESSAGE_HEAD.unpack_from(content, at)
-        at += MESSAGE_HEAD.size
-        if kind in kinds:
-            yield at, at + length
-        at += length

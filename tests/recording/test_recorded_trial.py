@@ -174,15 +174,12 @@ def test_a_recording_without_its_robot_is_read_with_one(
     assert read_trial(unknown, robot=load_robot("ant")).robot == trial.robot
 
 
-def test_action_and_state_are_vectors_at_every_tick(trial: Trial, tmp_path: Path) -> None:
+def test_action_and_state_are_in_one_row_at_every_tick(trial: Trial, tmp_path: Path) -> None:
     read = ReadBack(write(tmp_path / "trial.rrd", trial))
     assert pa.types.is_timestamp(read.time_type("/action", "wall_time")), "rerun-lerobot reads no durations"
     times_s, same_s = (
         read.times_s(f"/{one}", "Scalars:scalars", "wall_time") for one in ("action", "observation/state")
     )
-    assert np.array_equal(times_s, same_s), "one row holds both"
+    assert np.array_equal(times_s, same_s)
     assert np.diff(times_s) == pytest.approx(np.diff(trial.log["time_s"]), abs=1e-6)
-    for entity, name in (("action", "commanded_rad"), ("observation/state", "measured_rad")):
-        values = np.array(read.values(f"/{entity}", "Scalars:scalars"))
-        assert values.shape == (len(trial.log), 18)
-        assert values == pytest.approx(trial.log[name], abs=np.radians(0.09)), "finer than servos resolve"
+    assert np.shape(read.values("/action", "Scalars:scalars")) == (len(trial.log), N_JOINTS)

@@ -1,11 +1,13 @@
-"""Recordings as they are written: every tick, in blocks, on full disks and by killed programs."""
+"""Recordings as they are written and read: in blocks, on full disks, by killed programs, cut off, damaged."""
 
 import os
+import pickle
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from threading import Event
@@ -22,7 +24,15 @@ from hexctl.ik.legs import foot_positions_body
 from hexctl.recording import paths, rrd
 from hexctl.recording import recording as module
 from hexctl.recording.recording import Recording
-from hexctl.recording.rrd_reader import END
+from hexctl.recording.rrd import probe_file
+from hexctl.recording.rrd_reader import (
+    CHUNK,
+    END,
+    MESSAGE_HEAD,
+    check_end,
+    read_chunks,
+)
+from hexctl.recording.rrd_reader import HEAD_BYTES as STREAM_HEAD_BYTES
 from hexctl.recording.viewer import viewer_binary
 from tests.recording.conftest import ReadBack, Trial, write
 
@@ -61,20 +71,15 @@ def _placed(read: ReadBack, path: str, row: int, point: np.ndarray) -> np.ndarra
     return placed
 
 
-def _rerun(*command: str | Path) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run(
-        [str(viewer_binary()), "rrd", *map(str, command)], capture_output=True, text=True, check=False
-    )
-
-
 def test_rerun_finds_nothing_wrong_and_adds_the_index_of_a_long_walk(
     written: Path, trial: Trial, tmp_path: Path
 ) -> None:
     path, indexed = tmp_path / "long.rrd", tmp_path / "indexed.rrd"
     write(path, replace(trial, plan=replace(trial.plan, duration_s=150.0)))
     assert END not in path.read_bytes()
-    for command in (("optimize", path, "-o", indexed), ("verify", indexed), ("verify", written)):
-        done = _rerun(*command)
+    for words in (("optimize", path, "-o", indexed), ("verify", indexed), ("verify", written)):
+        command = [str(viewer_binary()), "rrd", *map(str, words)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
 
 
@@ -145,19 +150,13 @@ def test_a_recording_that_is_deleted_meanwhile_is_reported_at_the_end(trial: Tri
     assert not path.exists()
 
 
-CHILD = """
+WRITES_ON = """
 import pickle, sys, time
 from pathlib import Path
 from hexctl.recording import recording as module
-from hexctl.recording.recording import Recording
 module.BLOCK_TICKS = 1
 trial = pickle.load(sys.stdin.buffer)
-recording = Recording(Path(sys.argv[1]), trial["robot"], trial["plan"], title="interrupted")
-"""
-
-KILLED = (
-    CHILD
-    + """
+recording = module.Recording(Path(sys.argv[1]), trial["robot"], trial["plan"], title="interrupted")
 recording.write_block(trial["log"], 0, 200)
 while recording._parts is not None:  # each tick writes a part
     recording.write_block(trial["log"], 0, 200)
@@ -165,30 +164,19 @@ time.sleep(1.0)
 print("written", flush=True)
 time.sleep(60)
 """
-)
-
-
-def _start(script: str, path: Path, trial: Trial) -> "subprocess.Popen[bytes]":
-    """Run a script that records the trial in a process of its own."""
-    import pickle
-
-    log = TickLog()
-    log._rows, log.frame = trial.log._rows, trial.log.frame
-    content = {"robot": trial.robot, "plan": trial.plan, "log": log, "result": trial.result}
-    child = subprocess.Popen(
-        [sys.executable, "-c", script, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    )
-    assert child.stdin is not None
-    child.stdin.write(pickle.dumps(content))
-    child.stdin.close()
-    return child
 
 
 @pytest.mark.slow
 def test_a_killed_process_leaves_a_readable_recording(trial: Trial, tmp_path: Path) -> None:
-    path = tmp_path / "killed.rrd"
-    child = _start(KILLED, path, trial)
+    path, log = tmp_path / "killed.rrd", TickLog()
+    log._rows, log.frame = trial.log._rows, trial.log.frame
+    child = subprocess.Popen(
+        [sys.executable, "-c", WRITES_ON, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    assert child.stdin is not None
     assert child.stdout is not None
+    child.stdin.write(pickle.dumps({"robot": trial.robot, "plan": trial.plan, "log": log}))
+    child.stdin.close()
     try:
         assert child.stdout.readline() == b"written\n"
     finally:
@@ -236,3 +224,79 @@ def test_a_flush_that_never_comes_back_is_left_behind(
     for thread in rrd._abandoned:
         thread.join(10)
     assert not rrd.stuck()
+
+
+@pytest.mark.parametrize("missing_bytes", [1, 5000])
+def test_a_recording_without_its_end_is_not_whole(missing_bytes: int, written: Path, tmp_path: Path) -> None:
+    path = Path(shutil.copy(written, tmp_path / "trial.rrd"))
+    check_end(path)
+    os.truncate(path, path.stat().st_size - missing_bytes)
+    with pytest.raises(RecordingError):
+        check_end(path)
+    os.truncate(path, 0)
+    with pytest.raises(RecordingError):
+        check_end(path)
+
+
+def test_a_recording_that_cannot_be_read_is_not_called_deleted(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="was deleted or moved"):
+        check_end(tmp_path / "gone.rrd")
+    with pytest.raises(RecordingError, match="cannot be read"):
+        check_end(tmp_path)
+
+
+def test_a_probe_leaves_nothing_behind(tmp_path: Path) -> None:
+    probe_file(tmp_path / "new" / "folder" / "walk.rrd")
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "kept").mkdir()
+    probe_file(tmp_path / "kept" / "walk.rrd")
+    assert [path.name for path in tmp_path.iterdir()] == ["kept"]
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="cannot be written"):
+        probe_file(tmp_path / "file" / "folder" / "walk.rrd")
+
+
+def test_a_probe_that_is_interrupted_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: int) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("os.posix_fallocate", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        probe_file(tmp_path / "folder" / "walk.rrd")
+    assert not list(tmp_path.iterdir())
+
+
+def messages(content: bytes, *kinds: int) -> Iterator[tuple[int, int]]:
+    """Where each message of some kinds begins, behind its head, and where it ends."""
+    at = STREAM_HEAD_BYTES
+    while at + MESSAGE_HEAD.size <= len(content):
+        kind, length = MESSAGE_HEAD.unpack_from(content, at)
+        at += MESSAGE_HEAD.size
+        if kind in kinds:
+            yield at, at + length
+        at += length
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "share"), [(20, 0.0), (20, 0.5), (20, 1.0), (-1, 0.5)])
+def test_what_was_cut_off_is_read_up_to_there(
+    number: int, share: float, written: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Cut off at the beginning of a chunk's message, in the middle of it, or behind it."""
+    cut, content = tmp_path / "cut.rrd", written.read_bytes()
+    places = list(messages(content, CHUNK))
+    start, stop = places[number]
+    cut.write_bytes(content[: start + round(share * (stop - start))])
+    assert len(list(read_chunks(cut))) == places.index((start, stop)) + (share == 1.0)
+    left_out_bytes = cut.stat().st_size - (stop if share == 1.0 else start - MESSAGE_HEAD.size)
+    warned = [record.getMessage() for record in caplog.records]
+    assert len(warned) == (left_out_bytes > 0)
+    assert all(str(cut) in text and f" {left_out_bytes} " in text for text in warned)
+
+
+@pytest.mark.slow
+def test_reading_reads_what_rerun_reads(written: Path) -> None:
+    entities = {str(batch.schema.metadata[b"rerun:entity_path"], "utf-8") for batch in read_chunks(written)}
+    assert entities >= ReadBack(written).entities

@@ -13,11 +13,37 @@ from hexctl.recording import rrd
 from hexctl.recording.sessions.session_figures import visible_m, write_overview_file
 from hexctl.recording.sessions.session_overview import (
     GaitBeliefs,
+    Overview,
+    OverviewTrial,
     SearchStep,
     drawable,
 )
 from hexctl.recording.viewer import viewer_binary
-from tests.recording.conftest import SESSION, ReadBack, make_overview, make_trial
+from tests.recording.conftest import ReadBack
+
+
+def make_trial(index: int, deviation_m: float, *, valid: bool = True) -> OverviewTrial:
+    return OverviewTrial(
+        index=index,
+        code=10 * index,
+        slots=(1, 2, 3, 4, 5, 6),
+        score_m=abs(deviation_m) if valid else None,
+        deviation_m=deviation_m,
+        distance_m=4.0,
+        status="ok" if valid else "fell",
+        path_m=np.linspace([0.0, 0.0], [4.0, deviation_m], 20),
+    )
+
+
+def make_overview(*trials: OverviewTrial) -> Overview:
+    return Overview(
+        title="a session", facts=("leg 5",), objective="deviation at the end", course_m=4.5, trials=trials
+    )
+
+
+SESSION = make_overview(
+    make_trial(1, -0.8), make_trial(2, 0.0, valid=False), make_trial(3, 0.3), make_trial(4, 1.2)
+)
 
 
 @pytest.fixture(scope="module")

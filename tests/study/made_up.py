@@ -1,15 +1,12 @@
 """Landscapes for tests: made up in an instant, or really walked for a moment."""
 
 from collections.abc import Sequence
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from hexctl.backends.sim.world import World
 from hexctl.control.trial_plan import SelfRotation
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec
-from hexctl.study.paper.claims import claims_of
 from hexctl.study.paper.searches import Findings, search_all
 from hexctl.study.paper.study_plan import StudyPlan
 from hexctl.study.walking import Silent
@@ -81,11 +78,6 @@ def made_up_findings(
         signed = (spread_out(2.0, sign), rotated_m)
         landscapes += [made_up(leg, "none", signed[0]), made_up(leg, "rear", signed[1])]
     return search_all(plan, landscapes)
-
-
-def reported(findings: Findings, folder: Path) -> Path:
-    """Report of findings, in a folder."""
-    return findings.plan.write(replace(findings, claims=tuple(claims_of(findings))), folder)
 
 
 class Remembering(Silent):

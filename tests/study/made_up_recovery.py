@@ -88,9 +88,9 @@ class Found:
         return statistics(self.rows[self.rows["judged"] & (self.rows["method"] == method)])
 
 
-def findings(**options: Any) -> Found:
+def findings() -> Found:
     """Walks as they go usually, a little different in each world."""
-    made, random = plan(**options), np.random.default_rng(0)
+    made, random = plan(), np.random.default_rng(0)
     walks = []
     for place, cases in made.walked():
         farther = random.uniform(0.8, 1.2)
@@ -110,10 +110,10 @@ def changed(found: Found, which: Any, **changes: Any) -> Found:
     return Found(found.plan, walks)
 
 
-def on_line(method: str, *, legs: bool = True) -> Any:
-    """Which episodes of the protocol `line` are of a method."""
+def on_line(method: str) -> Any:
+    """Which episodes of the protocol `line` with a failed leg are of a method."""
 
     def which(place: Any, one: Episode) -> bool:
-        return place.protocol == LINE and one.case.method == method and bool(one.case.legs) == legs
+        return place.protocol == LINE and one.case.method == method and bool(one.case.legs)
 
     return which

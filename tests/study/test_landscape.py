@@ -1,41 +1,42 @@
-"""Tests."""
+"""Landscapes and searches in them: rows, scores, curves, and which legs are one experiment."""
 
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
+from hexctl.adapt.optimizers.deduplication import Deduplication
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
+from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.backends.sim.world import World
-from hexctl.control.assessment.static_stability import STAND_UP
-from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
+from hexctl.control.batch import run_sim_trial, run_sim_trials
+from hexctl.control.body_symmetry import body_symmetries
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import SelfRotation
-from hexctl.control.trial_result import QUALITIES, TrialResult
+from hexctl.control.trial_result import QUALITIES
 from hexctl.study.landscape import Landscape, LandscapeSpec
+from hexctl.study.paper.leg_groups import experiments_of, image_of, is_mirror_of, landscape_by_symmetry
+from hexctl.study.paper.searches import curve_of, search_landscape
 from hexctl.study.walk_cache import WalkCache
 from tests.robots import shipped
 from tests.study.made_up import made_up, spec, spread_out
 
-pytestmark = pytest.mark.slow
-
-
 CODES = (3, 40, 77, 120)
-
-
-def walked(asked: LandscapeSpec) -> Landscape:
-    return Landscape.of(asked, asked.walk(asked.codes))
 
 
 @pytest.fixture(scope="module")
 def one() -> Landscape:
-    return walked(spec(5, "none", 3.0, CODES))
+    asked = spec(5, "none", 3.0, CODES)
+    return Landscape.of(asked, asked.walk(CODES))
 
 
+@pytest.mark.slow
 def test_rows_are_those_of_the_trials_alone(one: Landscape) -> None:
     for row, code in enumerate(CODES):
         alone = run_sim_trial(one.spec.trial(code))
@@ -52,6 +53,7 @@ def test_rows_are_those_of_the_trials_alone(one: Landscape) -> None:
         assert one.paths_m[row, -1, 1] == np.float32(alone.deviation.signed)
 
 
+@pytest.mark.slow
 def test_walks_are_kept_to_the_last_bit(one: Landscape, tmp_path: Path) -> None:
     walks = one.spec.walk(CODES)
     cache = WalkCache(tmp_path)
@@ -59,10 +61,12 @@ def test_walks_are_kept_to_the_last_bit(one: Landscape, tmp_path: Path) -> None:
     assert repr(list(cache.load(one.spec).values())) == repr(walks)
 
 
+@pytest.mark.slow
 def test_scores_are_those_that_an_optimizer_is_told() -> None:
     asked = spec(2, "none", 6.0, CODES)
     results = [run_sim_trial(asked.trial(code)) for code in CODES]
-    assert walked(asked).scores.tolist() == [OBJECTIVES["final"](result) for result in results]
+    landscape = Landscape.of(asked, asked.walk(CODES))
+    assert landscape.scores.tolist() == [OBJECTIVES["final"](result) for result in results]
 
 
 def test_invalid_gaits_are_behind_all_others_and_never_the_best() -> None:
@@ -72,15 +76,6 @@ def test_invalid_gaits_are_behind_all_others_and_never_the_best() -> None:
     assert np.isnan(made_up(5, "rear", spread_out(1.0), invalid=range(1, 121)).best_m)
 
 
-def test_another_question_has_another_fingerprint() -> None:
-    asked = [spec(), spec(leg=4), spec(self_rotation="rear"), spec(duration_s=0.5), spec(seed=1),
-             spec(codes=CODES), spec(world=World(friction=0.5)), replace(spec(), placed=True),
-             *(replace(spec(), placed=True, miss_rad=miss_rad) for miss_rad in (0.1, -0.1))]  # fmt: skip
-    asked.append(replace(spec(), hold="line"))
-    assert len({each.fingerprint for each in asked}) == len(asked)
-    assert spec().fingerprint == spec().fingerprint
-
-
 def placed(
     leg: int, self_rotation: SelfRotation, *, miss_deg: float = 0.0, duration_s: float = 0.4
 ) -> LandscapeSpec:
@@ -88,23 +83,20 @@ def placed(
     return replace(asked, placed=True, miss_rad=math.radians(miss_deg))
 
 
-def _watched(trial: SimTrial) -> tuple[TrialResult, TickLog]:
-    log = TickLog()
-    with trial.servos() as servos:
-        return run_trial(Guard(servos), trial.plan, recorders=(log,), soft_stop=False), log
-
-
 def _off_rad(angle_rad: float, wanted_rad: float) -> float:
     return abs(math.remainder(angle_rad - wanted_rad, math.tau))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("self_rotation", "points_to_deg"), [("rear", 180.0), ("front", 0.0)])
 @pytest.mark.parametrize("miss_deg", [0.0, 6.0])
 @pytest.mark.parametrize("leg", [1, 2, 5])
 def test_a_robot_that_is_put_down_stands_as_its_self_rotation_would_leave_it(
     leg: int, self_rotation: SelfRotation, points_to_deg: float, miss_deg: float
 ) -> None:
-    result, log = _watched(placed(leg, self_rotation, miss_deg=miss_deg, duration_s=0.1).trial(3))
+    trial, log = placed(leg, self_rotation, miss_deg=miss_deg, duration_s=0.1).trial(3), TickLog()
+    with trial.servos() as servos:
+        result = run_trial(Guard(servos), trial.plan, recorders=(log,), soft_stop=False)
     assert log.frame is not None
     assert log.rows_of("turn") == slice(0, 0)
     assert result.turned_rad == 0.0
@@ -113,6 +105,7 @@ def test_a_robot_that_is_put_down_stands_as_its_self_rotation_would_leave_it(
     assert _off_rad(log.frame.heading_rad, 0.0) < math.radians(0.5), "it still travels along the world's x"
 
 
+@pytest.mark.slow
 def test_robots_put_down_differently_do_not_share_a_start() -> None:
     trials = [
         placed(5, "rear", miss_deg=miss_deg).trial(code) for miss_deg in (-3.0, 3.0) for code in (3, 40)
@@ -124,10 +117,89 @@ def test_robots_put_down_differently_do_not_share_a_start() -> None:
         np.testing.assert_array_equal(made.path_m, alone.path_m)
 
 
-@pytest.mark.parametrize(("leg", "body_raise"), [(2, STAND_UP), (4, 0.0)])
-def test_a_landscape_under_a_hold_stands_up_off_a_leg_that_does_not_trail(
-    leg: int, body_raise: float
+SEEDS = (5000, 5001, 5002, 5003)
+
+
+def brute_force(landscape: Landscape, name: str, seed: int, budget: int) -> list[float]:
+    """The best valid deviation after each evaluation, step by step and without arrays."""
+    search = Deduplication(make_optimizer(name, landscape.spec.space, seed), seed, paper_count=True)
+    best, curve = math.nan, []
+    for _ in range(budget):
+        if not search.exhausted:
+            (code,) = search.ask(1)
+            final_m = abs(float(landscape.number("signed_m")[code - 1]))
+            valid = landscape.status[code - 1] == "ok"
+            search.tell([code], [final_m if valid else INVALID_SCORE])
+            if valid and not best <= final_m:
+                best = final_m
+        curve.append(best)
+    return curve
+
+
+@pytest.mark.parametrize("name", list(OPTIMIZERS))
+def test_curves_are_those_of_a_step_by_step_search(name: str) -> None:
+    landscape = made_up(5, "rear", spread_out(2.0), invalid=range(1, 100, 2))
+    for run in search_landscape(landscape, name, SEEDS, 130):
+        np.testing.assert_array_equal(run["best_m"], brute_force(landscape, name, run["seed"], 130))
+
+
+def test_statistics_leave_out_runs_without_a_valid_gait() -> None:
+    from pandas import DataFrame
+
+    nan = math.nan
+    runs = ([nan, 3.0, 1.0], [nan, nan, 2.0], [nan, 5.0, 3.0])
+    found: Any = curve_of(DataFrame({"best_m": list(map(np.array, runs))}))
+    np.testing.assert_allclose(found["mean_m"], [nan, 4.0, 2.0])
+    np.testing.assert_allclose(found["median_m"], [nan, 4.0, 2.0])
+    np.testing.assert_allclose(found["std_m"], [nan, 1.0, math.sqrt(2 / 3)])
+    np.testing.assert_allclose(found["p10_m"], [nan, 3.2, 1.2])
+    np.testing.assert_allclose(found["share_of_runs"], [0, 2 / 3, 1])
+
+
+LEGS = range(1, 7)
+
+ALONE = tuple((leg,) for leg in LEGS)
+
+ALL_LEGS = ((1, 2, 3, 4, 5, 6),)
+
+MIRRORED = ((1,), (2, 6), (3, 5), (4,))
+
+
+@pytest.mark.parametrize(
+    ("world", "rotated", "straight"),
+    [
+        ({}, ALL_LEGS, MIRRORED),
+        ({"slope_deg": 5.0}, ALL_LEGS, MIRRORED),
+        ({"slope_deg": 5.0, "slope_direction_deg": 90.0}, ALL_LEGS, ALONE),
+        ({"roughness_m": 0.01}, ALL_LEGS, ALONE),
+        ({"joint_offset_deg": 0.5}, ALONE, ALONE),
+        ({"body_mass_shift_m": (0.01, 0.0, 0.0)}, MIRRORED, MIRRORED),
+        ({"payload_kg": 1.0, "payload_position_m": (0.0, 0.02, 0.1)}, ((1, 4), (2, 3), (5, 6)), ALONE),
+    ],
+)
+def test_legs_are_one_experiment_as_far_as_the_world_allows(
+    world: dict[str, object], rotated: object, straight: object
 ) -> None:
-    held = replace(spec(leg), hold="line")
-    plan = held.trial(7).plan
-    assert (plan.hold, plan.gait.posture.body_raise) == ("line", body_raise)
+    asked = World.model_validate(world)
+    assert experiments_of(shipped(), asked, "rear", LEGS) == rotated
+    assert experiments_of(shipped(), asked, "none", LEGS) == straight
+
+
+def test_a_jammed_coxa_has_a_left_and_a_right() -> None:
+    assert is_mirror_of(shipped(), World(), 1, 1, "none")
+    assert not is_mirror_of(shipped(), World(), 1, 1, "none", "stuck:coxa:30")
+    assert is_mirror_of(shipped(), World(), 1, 1, "none", "stuck:tibia:30")
+
+
+def test_the_image_of_an_image_is_the_landscape() -> None:
+    """The mirroring puts leg 2 in the place of leg 6."""
+    (mirror,) = [one for one in body_symmetries(shipped()) if one.mirrored and one.keeps_heading]
+    landscape = made_up(2, "none", spread_out(2.0, np.where(np.arange(120) % 3, 1.0, -1.0)))
+    image = image_of(landscape, mirror)
+    assert (image.spec.leg, image.final_m.sum()) == (6, pytest.approx(landscape.final_m.sum()))
+    back = image_of(image, mirror)
+    np.testing.assert_array_equal(back.number("signed_m"), landscape.number("signed_m"))
+    np.testing.assert_array_equal(back.paths_m, landscape.paths_m)
+    assert landscape_by_symmetry([landscape], 6).spec.leg == 6
+    with pytest.raises(KeyError):
+        landscape_by_symmetry([landscape], 3)

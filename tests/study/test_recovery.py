@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,28 +15,36 @@ from hexctl.control.monitor.monitored_walk import recovering_walk
 from hexctl.control.monitor.recovery import StopWalking
 from hexctl.control.preparation import WalkStart
 from hexctl.errors import InputError
+from hexctl.study.paper.evidence import clustered_error
 from hexctl.study.recovery.decentralised import LegLoads, phase_rate
 from hexctl.study.recovery.episodes import RecoveryCase, RecoveryPlace, Track
 from hexctl.study.recovery.methods import DEFAULT_METHODS, METHODS, RecoveryMethod, method_of
 from hexctl.study.recovery.recovery_plan import HEADINGS_DEG, HEXAHEAL, LINE, RecoveryPlan
 from hexctl.types import RobotState
 from tests.robots import ROBOT_NAMES, shipped
-from tests.study.made_up_recovery import IDEAL_M_S, alarm, episode, plan
+from tests.study.made_up_recovery import (
+    DELAY_S,
+    IDEAL_M_S,
+    PACE_HZ,
+    alarm,
+    changed,
+    episode,
+    findings,
+    on_line,
+    plan,
+)
 
 
-class MyOwn(RecoveryMethod):
+class Custom(RecoveryMethod):
     """A custom method."""
 
     def controller(self, start: WalkStart, to_come: Any) -> Controller:
         return recovering_walk()(start)
 
 
-def test_methods_have_names_and_own_ones_a_package() -> None:
-    assert DEFAULT_METHODS == tuple(METHODS)[:3] == ("nothing", "told", "recover")
-    others = ("stop-diagnose", "decentralised", "open-loop-best", "ppo", "trial-and-error", "cma-es")
-    assert tuple(METHODS)[3:] == others
-    assert method_of("recover") is method_of("recover")
-    assert isinstance(method_of(f"{__name__}:MyOwn"), MyOwn)
+def test_methods_have_names_and_custom_ones_a_package() -> None:
+    assert DEFAULT_METHODS == ("nothing", "told", "recover")
+    assert isinstance(method_of(f"{__name__}:Custom"), Custom)
     assert {name for name in METHODS if method_of(name).notices} == {"nothing", "recover", "stop-diagnose"}
 
 
@@ -78,18 +87,6 @@ def test_nothing_of_what_will_fail_is_told_in_the_plan() -> None:
     assert [str(event) for event in auto.events] == ["1:limp@8.3", "4:limp@8.3"]
 
 
-@pytest.mark.slow
-def test_whatever_decides_a_walk_is_in_the_fingerprint() -> None:
-    changes: list[dict[str, Any]] = [
-        {"robot": shipped("pexod")},
-        {"number": 206},
-        {"world": World()},
-        {"duration_s": 60.0},
-    ]
-    prints = {replace(ROUGH, **change).fingerprint for change in changes}
-    assert len(prints | {ROUGH.fingerprint}) == len(changes) + 1
-
-
 def test_the_first_alarm_of_a_walk_counts() -> None:
     right = episode(CASE)
     assert (right.right_leg, right.right_kind, right.early) == (True, True, ())
@@ -120,7 +117,9 @@ def test_a_walk_recovers_that_stays_on_its_feet_and_has_half_of_the_speed() -> N
 
 
 def test_speeds_are_those_of_the_true_way_along_the_line() -> None:
-    track = walked([0.2] * 500 + [0.1] * 500)
+    """A track 3 cm to the right of the line, of cycles of a second."""
+    speeds_m_s = [0.2] * 500 + [0.1] * 500
+    track = Track(np.stack([0.02 * np.cumsum(speeds_m_s), np.full(1000, -0.03)], axis=-1), 0.02, 1.0)
     assert track.speed(4.0, 8.0) == pytest.approx(0.2)
     assert track.speed(15.0, 20.0) == pytest.approx(0.1)
     assert math.isnan(track.speed(19.9, 20.0))
@@ -128,17 +127,10 @@ def test_speeds_are_those_of_the_true_way_along_the_line() -> None:
     assert math.isnan(Track(np.zeros((0, 2)), 0.0, 1.0).speed(4.0, 8.0))
 
 
-def walked(speeds_m_s: list[float]) -> Track:
-    """Track with a speed at each tick, 3 cm to the right of the line, of cycles of a second."""
-    path_m = np.stack([0.02 * np.cumsum(speeds_m_s), np.full(len(speeds_m_s), -0.03)], axis=-1)
-    return Track(path_m, 0.02, 1.0)
-
-
 def test_every_robot_meets_every_failure_in_every_world_by_every_method() -> None:
     made = plan(robots=(shipped(), shipped("pexod")), gaits=("tripod", "wave"))
     made.check()
-    walked = made.walked()
-    line = [(one, cases) for one, cases in walked if one.protocol == LINE]
+    line = [(one, cases) for one, cases in made.walked() if one.protocol == LINE]
     assert [(one.robot.name, one.family, one.number) for one, _ in line] == [
         (robot, family, number)
         for robot in ("ant", "pexod")
@@ -148,7 +140,7 @@ def test_every_robot_meets_every_failure_in_every_world_by_every_method() -> Non
     for _, cases in line:
         assert len(set(cases)) == len(cases) == 2 * (len(HEADINGS_DEG) + 2 * 2 * 3)
         assert {case.heading_deg for case in cases if not case.legs} == set(HEADINGS_DEG)
-    pairs = [(one, cases) for one, cases in walked if one.protocol == HEXAHEAL]
+    pairs = [(one, cases) for one, cases in made.walked() if one.protocol == HEXAHEAL]
     assert [(one.robot.name, one.number, one.duration_s) for one, _ in pairs] == [
         (robot, run, 14.0) for robot in ("ant", "pexod") for run in (0, 1)
     ]
@@ -205,16 +197,12 @@ def test_what_cannot_be_is_refused_before_anything_runs(options: dict[str, Any],
         plan(**options).check()
 
 
-#: Times of the cycle: late and early in the stance, and the two ends of the swing.
-LATE, EARLY = 0.25, 0.75
-
-
 def test_a_leg_waits_under_its_own_load_and_hurries_once_its_neighbours_carry() -> None:
-    u = np.full(6, LATE)
+    u, early = np.full(6, 0.25), np.full(6, 0.75)  # late and early in the stance
     nothing, own, beside = np.zeros(6), np.eye(6)[2], np.eye(6)[1] + np.eye(6)[3]
     assert phase_rate(u, nothing).tolist() == [1.0] * 6
     assert phase_rate(u, own)[2] < 1 < phase_rate(u, beside)[2]
-    assert phase_rate(np.full(6, EARLY), own)[2] > 1 > phase_rate(np.full(6, EARLY), beside)[2]
+    assert phase_rate(early, own)[2] > 1 > phase_rate(early, beside)[2]
     assert phase_rate(u, 100 * own).min() == 0, "no phase goes back"
     several = phase_rate(np.stack([u, u]), np.stack([own, beside]))
     assert np.array_equal(several, [phase_rate(u, own), phase_rate(u, beside)])
@@ -227,12 +215,80 @@ def test_loads_are_read_from_torques_else_from_contacts(name: str) -> None:
     loads = LegLoads(robot)
     assert loads.of(state) is None
     contacts = np.array([True, False] * 3)
-    (touching,) = [loads.of(replace(state, foot_contacts=contacts))]
-    assert touching is not None
-    assert touching.tolist() == [1, 0] * 3
+    np.testing.assert_array_equal(loads.of(replace(state, foot_contacts=contacts)), [1, 0] * 3)
     torques_nm = np.zeros(18)
     torques_nm[4], torques_nm[7] = -1.0, 1.0  # the femur of leg 2 holds the body up, that of leg 3 does not
     read = loads.of(replace(state, joint_torques_nm=torques_nm, foot_contacts=contacts))
     assert read is not None
     assert read[1] > 0
     assert np.count_nonzero(read) == 1
+
+
+@pytest.mark.slow
+def test_the_report_is_one_page_with_all_walks_beside_it(tmp_path: Path) -> None:
+    import pyarrow.parquet as pq
+
+    made = findings()
+    assert made.plan.write(made.rows, tmp_path) == tmp_path / "recovery.html"
+    assert {path.name for path in tmp_path.iterdir()} == {"recovery.html", "recovery.parquet"}
+    text = (tmp_path / "recovery.html").read_text(encoding="utf-8")
+    for words in ("worlds 200 to 201 of transfer and real", "Gaits tripod", "1 cm and 0.5 degrees", "By leg",
+                  "16 in 4 worlds", "HexaHeal"):  # fmt: skip
+        assert words in text, words
+    rows = pq.read_table(tmp_path / "recovery.parquet").to_pylist()
+    assert len(rows) == len(made.episodes)
+    row = next(row for row in rows if row["method"] == "recover" and row["failure"] == "stuck:tibia")
+    assert (row["robot"], row["protocol"], row["family"], row["world"], row["gait"]) == (
+        "ant", "line", "transfer", 200, "tripod")  # fmt: skip
+    assert (row["right_kind"], row["matters"], row["fell"], row["early_alarms"]) == (True, True, False, 0)
+    assert [(one["leg"], one["kind"], one["joint"]) for one in row["alarms"]] == [(2, "stuck", "tibia")]
+    (intact, *_) = [row for row in rows if row["failure"] == "intact"]
+    assert (intact["matters"], intact["delay_s"]) == (None, None)
+
+
+def test_statistics_are_those_of_the_episodes() -> None:
+    made = findings()
+    assert int(made.rows["judged"].sum()) == 3 * 2 * 2 * 4
+    found = made.statistics("recover")
+    recover = on_line("recover")
+    some = [(f"{place.family}:{place.number}", one) for place, one in made.episodes if recover(place, one)]
+    final_m, worlds = np.array([one.final_m for _, one in some]), np.array([world for world, _ in some])
+    assert (found["episodes"], found["worlds"], found["matter"]) == (16, 4, 16)
+    assert [found[name] for name in ("right_leg", "right_kind", "early")] == [16, 16, 0]
+    assert found["delay_median"] == pytest.approx(DELAY_S * PACE_HZ)
+    assert found["mean_m"] == pytest.approx(final_m.mean())
+    assert found["mean_error_m"] == pytest.approx(float(clustered_error(final_m, worlds)))
+    assert found["max_m"] == final_m.max()
+    assert found["way_p99_m"] == pytest.approx(0.06)
+    assert (found["kept"], found["kept_worst"]) == pytest.approx((0.9, 0.9))
+    assert [found[name] for name in ("fell", "others", "no_progress")] == [0, 0, 0]
+
+
+def test_a_failure_matters_that_changes_the_walk_in_which_nothing_is_done() -> None:
+    harmless = changed(findings(), on_line("nothing"), signed_m=0.0, after_m_s=0.14)
+    cases: list[tuple[dict[str, Any], bool]] = [
+        ({}, False),
+        ({"signed_m": -0.0191}, True),
+        ({"signed_m": -0.018}, False),
+        ({"after_m_s": 0.13}, True),
+        ({"status": "fell", "after_m_s": math.nan}, True),
+    ]
+    for changes, matters in cases:
+        made = changed(harmless, on_line("nothing"), **changes)
+        assert set(made.rows[made.rows["judged"]]["matters"]) == {matters}, changes
+
+
+def test_walks_that_fell_have_no_end_and_no_speed() -> None:
+    made = findings()
+    fallen = changed(
+        made,
+        lambda place, one: (
+            on_line("recover")(place, one) and one.case.legs == (2,) and one.case.failure == "locked"
+        ),
+        status="fell",
+        signed_m=math.nan,
+        after_m_s=math.nan,
+    )
+    found = fallen.statistics("recover")
+    assert (found["fell"], found["episodes"], found["kept_worst"]) == (4, 16, 0.0)
+    assert found["kept"] == pytest.approx(0.9)

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +24,7 @@ from hexctl.study.recovery.open_loop import rehearse
 from hexctl.study.recovery.stop_and_diagnose import StopAndDiagnoseWalk
 from hexctl.study.walk_cache import WalkCache
 from hexctl.study.walking import Work
+from tests.adapt.walking import result_of
 from tests.control.monitor.repertoires import made_up
 from tests.study.made_up import Remembering
 from tests.study.made_up_recovery import episode, plan
@@ -33,7 +33,7 @@ PLACE = replace(plan().walked()[0][0], duration_s=4.0)
 
 
 def case(
-    method: str, *legs: int, failure: str = "limp", at_s: float = 2.0, heading_deg: float = 0.0
+    method: str, *legs: int, failure: str = "limp", at_s: float = 2.5, heading_deg: float = 0.0
 ) -> RecoveryCase:
     """Case of failed legs, or of none."""
     return RecoveryCase(
@@ -46,12 +46,8 @@ def case(
     )
 
 
-def stopping_case(*legs: int, failure: str = "limp") -> RecoveryCase:
-    return case("stop-diagnose", *legs, failure=failure, at_s=2.5)
-
-
 def open_case(*legs: int, method: str = "open-loop-best") -> RecoveryCase:
-    return case(method, *legs, failure="locked", at_s=2.5, heading_deg=60.0)
+    return case(method, *legs, failure="locked", heading_deg=60.0)
 
 
 class Still(RecoveryMethod):
@@ -115,14 +111,18 @@ LONG = replace(plan().walked()[0][0], duration_s=24.0)
 LEAST_S = 13.0
 
 
+STOPPING = case("stop-diagnose", 2)
+
+
 @pytest.fixture(scope="module")
 def episodes() -> list[Episode]:
-    legs = (stopping_case(5, failure="locked"), stopping_case(4, failure="missing"))
-    return LONG.walk([stopping_case(), stopping_case(2), *legs])
+    legs = ((5, "locked"), (4, "missing"))
+    failed = [case("stop-diagnose", leg, failure=failure) for leg, failure in legs]
+    return LONG.walk([case("stop-diagnose"), STOPPING, *failed])
 
 
-@pytest.mark.long
-def test_the_standing_test_says_what_failed_and_when_it_is_known(episodes: Sequence[Episode]) -> None:
+@pytest.mark.slow
+def test_it_stands_says_what_failed_and_goes_on_along_the_line(episodes: Sequence[Episode]) -> None:
     intact, *failed = episodes
     assert intact.alarms == ()
     for one in failed:
@@ -130,12 +130,6 @@ def test_the_standing_test_says_what_failed_and_when_it_is_known(episodes: Seque
         assert (one.right_leg, one.right_kind) == (True, True)
         assert alarm.evidence == "standing test"
         assert LEAST_S < one.delay_s < LEAST_S + 4
-
-
-@pytest.mark.slow
-def test_it_goes_on_along_the_line_after_it_has_stood(episodes: Sequence[Episode]) -> None:
-    intact, *failed = episodes
-    for one in failed:
         assert one.ended
         assert one.final_m < 0.02
         assert 0 < one.after_m_s < 0.5 * intact.after_m_s, "it stood for most of that time"
@@ -144,10 +138,10 @@ def test_it_goes_on_along_the_line_after_it_has_stood(episodes: Sequence[Episode
 
 @pytest.mark.slow
 def test_it_is_told_nothing_of_what_is_to_come(episodes: Sequence[Episode]) -> None:
-    trial = LONG.trial(stopping_case(2))
+    trial = LONG.trial(STOPPING)
     method = method_of("stop-diagnose")
     result = run_sim_trial(trial, lambda start: method.controller(_checked(start), [()]))
-    assert repr(Episode.of(stopping_case(2), trial, result)) == repr(episodes[1])
+    assert repr(Episode.of(STOPPING, trial, result)) == repr(episodes[1])
 
 
 def test_a_policy_that_stops_ends_the_walk_after_the_test() -> None:
@@ -155,13 +149,13 @@ def test_a_policy_that_stops_ends_the_walk_after_the_test() -> None:
         lifts = (Probe("lift", (2,)), Probe("lift", (5,)))
         return StopAndDiagnoseWalk(start, StopWalking(), probes=lifts)
 
-    result = run_sim_trial(LONG.trial(stopping_case(2)), make)
+    result = run_sim_trial(LONG.trial(STOPPING), make)
     assert (result.status, result.stopped) == ("aborted", "leg 2 limp")
     assert result.duration_s < 12
 
 
 def test_a_policy_that_stops_ends_the_walk_of_the_oracle_in_the_tick_of_the_failure() -> None:
-    trial = LONG.trial(stopping_case(2))
+    trial = LONG.trial(STOPPING)
 
     def make(start: WalkStart) -> ToldWalk:
         return ToldWalk(start, [trial.events], StopWalking())
@@ -178,10 +172,6 @@ def _checked(start: WalkStart) -> WalkStart:
 
 OPEN = replace(plan().walked()[0][0], duration_s=7.0)
 
-SHORT = replace(OPEN, duration_s=0.5).trial(
-    RecoveryCase(gait="tripod", legs=(), failure="intact", at_s=2.5, heading_deg=0.0, method="nothing")
-)
-
 
 def test_each_walk_has_the_gait_with_which_a_trial_ended_nearest_its_line(
     monkeypatch: pytest.MonkeyPatch,
@@ -192,7 +182,7 @@ def test_each_walk_has_the_gait_with_which_a_trial_ended_nearest_its_line(
 
     def walk(trials: Sequence[SimTrial], _threads: int) -> list[TrialResult]:
         tried.extend(trials)
-        return [_ended(next(ends_m), next(statuses)) for _ in trials]
+        return [result_of(next(ends_m), next(statuses)) for _ in trials]
 
     monkeypatch.setattr(open_loop, "run_sim_trials", walk)
     monkeypatch.setattr(open_loop, "TRIES", 3)
@@ -207,17 +197,6 @@ def test_each_walk_has_the_gait_with_which_a_trial_ended_nearest_its_line(
     assert {one.plan.gait.slots for one in tried[3:]} <= set(map(tuple, GaitSpace((2, 5)).slots.tolist()))
     assert {(one.plan.hold, one.plan.belief, one.plan.duration_s) for one in tried} == {("none", None, 10.0)}
     assert {event.at_s for one in tried for event in one.events} == {0.0}
-
-
-@cache
-def _short() -> TrialResult:
-    return run_sim_trial(SHORT)
-
-
-def _ended(off_m: float, status: str) -> TrialResult:
-    result = _short()
-    assert result.deviation is not None
-    return replace(result, status=status, deviation=replace(result.deviation, final=off_m))
 
 
 @pytest.mark.long

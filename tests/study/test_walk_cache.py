@@ -26,6 +26,8 @@ from hexctl.threads import simulating
 from hexctl.waiting import comes_true
 from tests.robots import shipped
 from tests.study.made_up import Remembering, spec
+from tests.study.test_holds import PLACE as HOLD_PLACE
+from tests.study.test_recovery import ROUGH
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +150,28 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
         cache.probe()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("place", "changes"),
+    [
+        (spec(), {"leg": 4, "self_rotation": "rear", "duration_s": 0.5, "seed": 1, "codes": (3, 40)}),
+        (spec(), {"world": World(friction=0.5), "placed": True, "hold": "line"}),
+        (replace(spec(), placed=True), {"miss_rad": 0.1}),
+        (HOLD_PLACE, {"robot": shipped("pexod"), "number": 212, "world": World(), "self_rotation": "rear"}),
+        (ROUGH, {"robot": shipped("pexod"), "number": 206, "world": World(), "duration_s": 60.0}),
+    ],
+    ids=["landscape", "its start", "its miss", "hold", "recovery"],
+)
+def test_whatever_decides_a_walk_is_in_the_fingerprint(place: Any, changes: dict[str, Any]) -> None:
+    prints = {replace(place, **{name: value}).fingerprint for name, value in changes.items()}
+    assert len(prints | {place.fingerprint}) == len(changes) + 1
+    assert replace(place).fingerprint == place.fingerprint
+
+
+def test_the_name_of_a_family_is_not_in_the_fingerprint() -> None:
+    assert replace(HOLD_PLACE, family="other", kind="plain").fingerprint == HOLD_PLACE.fingerprint
+
+
 def test_other_code_has_other_files(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(walk_cache, "_versions", lambda _: {"source": "before"})
     before = spec().fingerprint
@@ -185,30 +209,21 @@ def local(tmp_path_factory: pytest.TempPathFactory) -> Sequence[Landscape]:
     return Work(cache=WalkCache(tmp_path_factory.mktemp("local")), jobs=1).evaluate(SPECS)
 
 
-@pytest.fixture(scope="module")
-def cluster() -> Iterator[Any]:
-    from distributed import LocalCluster
+@pytest.mark.slow
+@pytest.mark.usefixtures("small_chunks")
+def test_a_worker_killed_in_mid_study_changes_nothing(local: Sequence[Landscape], tmp_path: Path) -> None:
+    from distributed import Client, LocalCluster
 
     with LocalCluster(
         processes=True, n_workers=2, threads_per_worker=1, dashboard_address=":0", host="127.0.0.1"
     ) as cluster:
-        yield cluster
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("small_chunks")
-def test_a_worker_killed_in_mid_study_changes_nothing(
-    cluster: Any, local: Sequence[Landscape], tmp_path: Path
-) -> None:
-    from distributed import Client
-
-    address = cluster.scheduler_address
-    with Client(address, set_as_default=False) as client:
-        pids = list(client.run(os.getpid).values())
-    assert len(set(pids)) == 2
-    assert os.getpid() not in pids
-    watcher = KillsAWorker(pids[0])
-    far = Work(cache=WalkCache(tmp_path), dask=address, progress=watcher).evaluate(SPECS)
+        address = cluster.scheduler_address
+        with Client(address, set_as_default=False) as client:
+            pids = list(client.run(os.getpid).values())
+        assert len(set(pids)) == 2
+        assert os.getpid() not in pids
+        watcher = KillsAWorker(pids[0])
+        far = Work(cache=WalkCache(tmp_path), dask=address, progress=watcher).evaluate(SPECS)
     assert watcher.pid is None
     assert watcher.steps == sum(len(one.codes) for one in SPECS)
     assert far == local
@@ -216,9 +231,8 @@ def test_a_worker_killed_in_mid_study_changes_nothing(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("small_chunks")
-@pytest.mark.parametrize("jobs", [2, 5])
-def test_threads_and_chunks_change_no_number(jobs: int, local: Sequence[Landscape], tmp_path: Path) -> None:
-    assert Work(cache=WalkCache(tmp_path), jobs=jobs).evaluate(SPECS[:2]) == local[:2]
+def test_threads_and_chunks_change_no_number(local: Sequence[Landscape], tmp_path: Path) -> None:
+    assert Work(cache=WalkCache(tmp_path), jobs=5).evaluate(SPECS[:2]) == local[:2]
 
 
 @pytest.mark.slow

@@ -1,27 +1,34 @@
-"""The options and plans of studies, priors and repertoires, and a study from Python."""
+"""Studies: options and plans, a study from Python, and its page, figures and tables."""
 
-import json
 import math
+import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hexctl.backends.sim.world import World, load_world
 from hexctl.errors import InputError, WrongTypeError
 from hexctl.options import options_of
+from hexctl.palette import INVALID_COLOR, deviation_color
+from hexctl.study.experiment import where
 from hexctl.study.hold_plan import HoldPlan
+from hexctl.study.paper.claims import claims_of
+from hexctl.study.paper.searches import Findings, curve_of
+from hexctl.study.paper.study_figures import trajectories_figure
 from hexctl.study.paper.study_plan import StudyPlan, nearby_worlds
 from hexctl.study.planned_study import planned_study
 from hexctl.study.priors.planned_prior import planned_prior
 from hexctl.study.priors.prior_building import PriorPlan
 from hexctl.study.priors.prior_options import PriorOptions
+from hexctl.study.report_page import Block, Bullets, Picture, Section, Table, render_page
 from hexctl.study.study_options import TAKEN_BY, StudyOptions
 from hexctl.study.walk_cache import WalkCache
 from hexctl.study.walking import Work
 from tests.robots import shipped
-from tests.study.made_up import Remembering
-from tests.study.made_up_transfer import plan as transfer_plan
+from tests.study.made_up import Remembering, made_up, made_up_findings, spread_out
 
 
 def test_options_are_fields_of_the_plan() -> None:
@@ -59,11 +66,9 @@ def test_time_steps_of_a_matrix_are_milliseconds() -> None:
     ]
 
 
-@pytest.mark.parametrize("kind", ["transfer", "hold", "recovery"])
-def test_a_world_that_is_no_family_is_refused(kind: str) -> None:
-    asked: dict[str, Any] = {kind: True, "world": "slippery"}
+def test_a_world_that_is_no_family_is_refused() -> None:
     with pytest.raises(InputError, match="world"):
-        planned_study(StudyOptions(**asked))
+        planned_study(StudyOptions(transfer=True, world="slippery"))
 
 
 def test_walks_that_hold_their_line_do_not_turn_before() -> None:
@@ -95,12 +100,8 @@ def test_what_a_kind_does_not_take_is_refused(kind: type, options: dict[str, Any
         kind(**options)
 
 
-def plan_of_study(**options: Any) -> StudyPlan:
-    return StudyPlan(robot=shipped(), **options)
-
-
 def test_the_default_is_the_papers_study() -> None:
-    default = plan_of_study()
+    default = StudyPlan(robot=shipped())
     default.check()
     specs = default.specs()
     assert {(spec.leg, spec.self_rotation) for spec in specs} == {
@@ -112,13 +113,13 @@ def test_the_default_is_the_papers_study() -> None:
 
 
 def test_more_worlds_walk_one_leg_of_each_experiment() -> None:
-    here, there = plan_of_study(worlds=2).specs_by_world()
+    here, there = StudyPlan(robot=shipped(), worlds=2).specs_by_world()
     assert len(here) == 12
     assert [(spec.leg, spec.self_rotation) for spec in there] == [
         (1, "none"), (1, "rear"), (2, "none"), (3, "none"), (4, "none")
     ]  # fmt: skip
     assert there[0].world != here[0].world
-    sparse = plan_of_study(by_symmetry=True, without_gaits=40).specs()
+    sparse = StudyPlan(robot=shipped(), by_symmetry=True, without_gaits=40).specs()
     assert [len(spec.codes) for spec in sparse] == [40, 120, 40, 40, 40]
 
 
@@ -128,25 +129,10 @@ def small_plan() -> StudyPlan:
     )
 
 
-@pytest.mark.long
-def test_a_study_from_python(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder, cache, progress = tmp_path / "out", WalkCache(tmp_path / "cache"), Remembering()
-    result = small_plan().run(folder, Work(cache=cache, jobs=1, progress=progress))
-    assert capsys.readouterr() == ("", "")
-    assert result.report == folder / "report.html"
-    assert result.found.plan.legs == (2,)
-    assert json.loads((folder / "study.json").read_text()) == json.loads(json.dumps(result.to_json()))
-    assert progress.walks == 240
-    assert progress.steps == sum(steps for _, steps in progress.stages)
-    assert cache.count(small_plan().walked()) == (240, 240)
-
-    again = Remembering()
-    small_plan().run(folder, Work(cache=cache, progress=again))
-    assert again.walks == 0
-
-
 @pytest.mark.slow
-def test_an_interrupted_study_keeps_its_gaits_and_leaves_no_empty_folder(tmp_path: Path) -> None:
+def test_an_interrupted_study_keeps_its_gaits_and_leaves_no_empty_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     cache = WalkCache(tmp_path / "cache")
     with pytest.raises(KeyboardInterrupt):
         small_plan().run(
@@ -154,13 +140,14 @@ def test_an_interrupted_study_keeps_its_gaits_and_leaves_no_empty_folder(tmp_pat
         )
     assert cache.count(small_plan().walked()) == (40, 240)
     assert not (tmp_path / "out").exists()
+    assert capsys.readouterr() == ("", "")
 
 
 @pytest.mark.slow
 def test_a_folder_with_other_things_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").touch()
     with pytest.raises(InputError, match="holds other things"):
-        transfer_plan().run(tmp_path, Work(cache=WalkCache(tmp_path / "cache")))
+        small_plan().run(tmp_path, Work(cache=WalkCache(tmp_path / "cache")))
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
@@ -185,7 +172,6 @@ def test_the_world_itself_is_the_first_and_more_continue_fewer() -> None:
         ({"worlds": 101}, "worlds"),
         ({"optimizers": ("pso", "genetic")}, "genetic"),
         ({"robot": "ant"}, "robot"),
-        ({"optimizers": ("pso", 5)}, "optimizers"),
     ],
 )
 def test_what_is_not_allowed_is_refused(options: dict[str, Any], field: str) -> None:
@@ -198,3 +184,90 @@ def test_impossible_numbers_of_jobs_are_refused_before_anything_runs(jobs: int, 
     with pytest.raises(InputError):
         small_plan().run(tmp_path / "out", Work(cache=WalkCache(tmp_path / "cache"), jobs=jobs))
     assert list(tmp_path.iterdir()) == []
+
+
+HOSTILE = '<script>alert("a & b")</script>'
+
+
+def test_every_text_is_escaped(tmp_path: Path) -> None:
+    image = tmp_path / "a<b.svg"
+    image.write_bytes(b"svg")
+    blocks: list[Block] = [
+        HOSTILE,
+        Bullets([HOSTILE]),
+        Table([HOSTILE], [[HOSTILE]]),
+        Picture(image, HOSTILE, HOSTILE),
+    ]
+    text = render_page(HOSTILE, [Section(HOSTILE, blocks)])
+    assert text.count("<script") == 1
+    assert HOSTILE not in text
+    assert text.count("&lt;script&gt;") >= 9
+    assert "a<b" not in text
+
+
+def test_verdicts_are_coloured_and_nothing_else_is() -> None:
+    row = ["holds", "does not hold, by 2 cm", "not measured", "not judged: too short", "it holds", ""]
+    text = render_page("", [Section("", [Table(["holds"] * 6, [row])])])
+    assert '<td class="yes">holds</td>' in text
+    assert '<td class="no">does not hold, by 2 cm</td>' in text
+    assert '<td class="open">not judged: too short</td>' in text
+    assert text.count('<td class="') == 3
+
+
+def test_a_path_has_the_colour_that_the_viewer_gives_its_deviation() -> None:
+    pytest.importorskip("matplotlib", reason="figures need the study extra")
+    signed_m = np.full(120, 0.5)
+    signed_m[:6] = [0.001, -0.03, 0.1, -0.2, 0.9, 5.0]
+    figure = trajectories_figure([made_up(5, "rear", signed_m, invalid=[20])], "paths")
+    grey, lines = figure.axes[0].collections[:2]
+    (invalid,) = np.asarray(grey.get_edgecolor())
+    np.testing.assert_allclose(invalid[:3], np.array(INVALID_COLOR) / 255, atol=1e-3)
+    lines.update_scalarmappable()
+    deviations_m = np.asarray(lines.get_array())
+    assert {0.001, 5.0} <= set(deviations_m.round(6).tolist())
+    for deviation_m, drawn in zip(deviations_m, np.asarray(lines.get_edgecolor()), strict=True):
+        color = np.array(deviation_color(float(deviation_m), valid=True)) / 255
+        np.testing.assert_allclose(drawn[:3], color, atol=0.02)
+
+
+@pytest.fixture(scope="module")
+def findings() -> Findings:
+    made = made_up_findings(
+        spread_out(0.5), {2: 0.5, 6: 0.0}, legs=(2, 6), optimizers=("pso", "random"), runs=3, budget=25
+    )
+    return replace(made, claims=tuple(claims_of(made)))
+
+
+@pytest.fixture(scope="module")
+def folder(findings: Findings, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("study")
+    findings.plan.write(findings, folder)
+    return folder
+
+
+@pytest.mark.slow
+def test_the_page_asks_nobody_for_anything(folder: Path) -> None:
+    text = re.sub(r'"data:[^"]*"', '""', (folder / "report.html").read_text(encoding="utf-8"))
+    assert not re.search(
+        r"https?:|//|<script [^>]*src|<link|<iframe|@import|url\(", text, flags=re.IGNORECASE
+    )
+    assert set(re.findall(r'src="([^"]*)"', text)) == {""}
+
+
+@pytest.mark.slow
+def test_tables_hold_every_gait_evaluation_and_run(findings: Findings, folder: Path) -> None:
+    import pyarrow.parquet as pq
+
+    gaits, curves, runs = (
+        pq.read_table(folder / f"{name}.parquet").to_pydict()
+        for name in ("landscapes", "convergence", "runs")
+    )
+    assert len(gaits["code"]) == 2 * 2 * 120
+    assert len(curves["mean_m"]) == 2 * 2 * 25
+    assert len(runs["best_m"]) == 2 * 2 * 3 * 25
+    landscape = findings.without(2)
+    assert gaits["signed_m"][:120] == landscape.number("signed_m").tolist()
+    assert gaits["path_deviation_m"][7] == landscape.paths_m[7, :, 1].tolist()
+    searches = where(findings.first_runs, leg=2, optimizer="pso")
+    assert curves["mean_m"][:25] == curve_of(searches)["mean_m"].tolist()
+    assert np.array_equal(np.reshape(runs["code"][: 3 * 25], (3, 25)), np.stack(searches["codes"]))
