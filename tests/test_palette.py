@@ -94,13 +94,8 @@ def test_lines_are_seen_in_the_light_and_in_the_dark(what: str) -> None:
 
 
 def test_lines_of_reports_are_seen_on_paper() -> None:
-    optimizers = (
-        *palette.OPTIMIZER_COLORS.values(),
-        *palette.OTHER_OPTIMIZER_COLORS,
-        palette.BAR_COLOR,
-        palette.BEST_OF_ALL_COLOR,
-    )
-    for color in optimizers:
+    bars = (palette.BAR_COLOR, palette.BEST_OF_ALL_COLOR)
+    for color in (*palette.OPTIMIZER_COLORS.values(), *palette.OTHER_OPTIMIZER_COLORS, *bars):
         assert contrast(color, WHITE) >= 3, color
 
 
@@ -141,12 +136,9 @@ def test_a_gait_without_a_search_has_its_colour_by_name() -> None:
     assert palette.baseline_color("1,2,3,4,5,6") == palette.OTHER_BASELINE_COLOR
 
 
-def test_luminance_falls_with_the_deviation() -> None:
+def test_straight_is_green_and_light_and_far_off_is_red_and_dark() -> None:
     luminances = [luminance(deviation_color(off_m, valid=True)) for off_m in palette.LEGEND_M]
     assert luminances == sorted(luminances, reverse=True)
-
-
-def test_straight_is_green_and_far_off_is_red() -> None:
     red, green, blue = deviation_color(0.0, valid=True)
     assert green > max(red, blue)
     red, green, blue = deviation_color(-9.0, valid=True)
@@ -154,7 +146,7 @@ def test_straight_is_green_and_far_off_is_red() -> None:
     assert deviation_color(-0.3, valid=True) == deviation_color(0.3, valid=True)
 
 
-@pytest.mark.parametrize("unknown", [None, float("nan"), float("inf")])
-def test_what_does_not_count_is_grey(unknown: float | None) -> None:
-    assert deviation_color(unknown, valid=True) == palette.INVALID_COLOR
+def test_what_does_not_count_is_grey() -> None:
+    for unknown in (None, float("nan"), float("inf")):
+        assert deviation_color(unknown, valid=True) == palette.INVALID_COLOR
     assert deviation_color(0.1, valid=False) == palette.INVALID_COLOR

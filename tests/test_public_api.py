@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import os
 import re
 import subprocess
 import sys
@@ -19,6 +20,7 @@ import hexctl.vision
 from hexctl.backends.mock import MockServos
 from hexctl.control.log import TickLog
 from hexctl.errors import WrongTypeError
+from hexctl.mujoco_import import import_undrawn
 from hexctl.server.service import serve
 
 ROOT = Path(__file__).parents[1]
@@ -168,3 +170,12 @@ def test_a_simulation_without_a_guard_gets_one() -> None:
     with hexctl.SimServos("ant") as servos:
         guarded = hexctl.run_trial(hexctl.Guard(servos), PLAN, soft_stop=False)
     assert alone == guarded
+
+
+def test_a_broken_graphics_library_stops_no_import(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    broken = "import os\nif os.environ['MUJOCO_GL'] != 'disable':\n    raise AttributeError('glGetError')\n"
+    (tmp_path / "draws.py").write_text(broken)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("MUJOCO_GL", "osmesa")
+    assert import_undrawn("draws").__name__ == "draws"
+    assert os.environ["MUJOCO_GL"] == "osmesa"

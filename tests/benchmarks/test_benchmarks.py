@@ -11,12 +11,12 @@ import pytest
 from benchmarks import __main__ as command
 from benchmarks import build_signatures
 from benchmarks.__main__ import BENCHMARKS, main
-from benchmarks.build_signatures import BATCHES, Examples, learned, mirrored, to_legs, walks_of
+from benchmarks.build_signatures import Examples, learned, mirrored, to_legs
 from benchmarks.reality import ITEMS, TABLE
 from benchmarks.results import results
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
-from benchmarks.search_gain import OPEN_LOOP, OPEN_LOOP_PRIOR, OpenLoop, fast_lines, open_loop_lines
+from benchmarks.search_gain import OPEN_LOOP, OPEN_LOOP_PRIOR, OpenLoop, open_loop_lines
 from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.prior_files import shipped_priors
 from hexctl.adapt.prior.samples import drift_samples_of
@@ -41,15 +41,6 @@ def test_an_open_loop_search_counts_every_walk_until_one_is_confirmed() -> None:
     assert one.confirmed == 5
     assert [one.best_m(walks) for walks in (1, 2)] == pytest.approx([0.31, 0.02])
     assert open_loop_lines([one])[-1] == "confirmed: 100%, after 5 walks (median)"
-
-
-def test_fast_walks_are_compared_world_by_world() -> None:
-    walked = replace(result_of(0.01), true_deviation=result_of(0.01).deviation)
-    usual = [replace(walked, distance_m=way_m) for way_m in (1.0, 1.0, 2.0, 2.0, 2.0, 2.0)]
-    fast = [replace(one, distance_m=1.5 * (one.distance_m or 0.0), clipped_ticks=3) for one in usual]
-    lines = fast_lines(usual, fast)
-    assert lines[0] == "speed over the usual: 1.50 ± 0.00"
-    assert lines[2].startswith("fast: 0 of 6 not ok, 3.0 clipped")
 
 
 def test_a_row_without_a_value_does_not_clear_its_bar_and_the_verdict_is_of_the_value_before_rounding() -> (
@@ -82,14 +73,6 @@ def test_it_learns_which_leg_leans(monkeypatch: pytest.MonkeyPatch) -> None:
     odds = np.tanh(features @ weights.T + found.biases) @ found.outputs[:-1] + found.outputs[-1]
     said = np.where(odds.max(axis=1) > 0, odds.argmax(axis=1) + 1, 0)
     assert (said == legs).mean() > 0.95
-
-
-@pytest.mark.slow
-def test_batches_have_a_name_each_and_draw_what_they_say() -> None:
-    assert len({batch.name for batch in BATCHES}) == len(BATCHES)
-    walks = walks_of(replace(next(batch for batch in BATCHES if batch.at_s == 6.5), worlds=1))
-    assert len(walks) == 6
-    assert all(walk.trial.events[0].leg == walk.leg and walk.at_s >= 6.5 for walk in walks)
 
 
 TINY = Scale(

@@ -151,8 +151,8 @@ _TUMBLING = """
 def probe() -> dict[str, str]:
     """Versions, how Python adds, and a fingerprint of a simulation and of some linear algebra.
 
-    It says whether a machine computes the bits of that of the data. Nothing of hexctl takes part, lest a change
-    of hexctl be mistaken for another machine.
+    It says whether a machine computes the bits of that of the data. Nothing of hexctl takes part: a change of
+    hexctl cannot be mistaken for another machine.
     """
     model = mujoco.MjModel.from_xml_string(_TUMBLING)
     data = mujoco.MjData(model)

@@ -1,4 +1,4 @@
-"""What is drawn: robot, floor, gait, ribbon, support, servos, guard, events and failures; walks side by side."""
+"""What is drawn: robot, floor, gait, ribbon, support, servos, guard, events, failures; walks side by side."""
 
 from pathlib import Path
 from typing import Any

@@ -157,10 +157,11 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
         (spec(), {"leg": 4, "self_rotation": "rear", "duration_s": 0.5, "seed": 1, "codes": (3, 40)}),
         (spec(), {"world": World(friction=0.5), "placed": True, "hold": "line"}),
         (replace(spec(), placed=True), {"miss_rad": 0.1}),
-        (HOLD_PLACE, {"robot": shipped("pexod"), "number": 212, "world": World(), "self_rotation": "rear"}),
+        (HOLD_PLACE, {"robot": shipped("pexod"), "number": 212, "world": World(), "duration_s": 20.0}),
+        (HOLD_PLACE, {"self_rotation": "rear"}),
         (ROUGH, {"robot": shipped("pexod"), "number": 206, "world": World(), "duration_s": 60.0}),
     ],
-    ids=["landscape", "its start", "its miss", "hold", "recovery"],
+    ids=["landscape", "its start", "its miss", "hold", "turned before", "recovery"],
 )
 def test_whatever_decides_a_walk_is_in_the_fingerprint(place: Any, changes: dict[str, Any]) -> None:
     prints = {replace(place, **{name: value}).fingerprint for name, value in changes.items()}
