@@ -164,20 +164,16 @@ def test_recordings_and_tables(printed: Printed, tmp_path: Path) -> None:
     folder = tmp_path / "runs" / session["session"]
     assert {path.name for path in folder.iterdir()} >= set(SHAPES["files"])
     for name, path in (("run", tmp_path / "walk.rrd"), ("adapt", folder / "overview.rrd")):
-        assert_recorded(stored.of_recording(path), SHAPES["recordings"][name])
-
-
-def assert_recorded(now: dict[str, Any], before: dict[str, Any]) -> None:
-    """Entities, columns and their rows are there, and how the recording calls itself."""
-    assert now["application"] == before["application"]
-    assert set(now["timelines"]) >= set(before["timelines"])
-    assert now["blueprints"] == before["blueprints"]
-    for entity, columns in before["entities"].items():
-        assert entity in now["entities"], f"{entity} is gone"
-        for column, rows in columns.items():
-            found = now["entities"][entity].get(column)
-            assert found is not None, f"{column} of {entity} is gone"
-            assert found == rows or not SAME_BITS, f"{column} of {entity}"
+        now, before = stored.of_recording(path), SHAPES["recordings"][name]
+        assert now["application"] == before["application"]
+        assert set(now["timelines"]) >= set(before["timelines"])
+        assert now["blueprints"] == before["blueprints"]
+        for entity, kept_columns in before["entities"].items():
+            assert entity in now["entities"], f"{entity} is gone"
+            for column, rows in kept_columns.items():
+                found = now["entities"][entity].get(column)
+                assert found is not None, f"{column} of {entity} is gone"
+                assert found == rows or not SAME_BITS, f"{column} of {entity}"
 
 
 def test_commands_and_options() -> None:

@@ -32,14 +32,15 @@ FIRMWARE = (ROOT / "docs" / "reference" / "mavlink.md").read_text(encoding="utf-
 #: Which test holds which promise of both pages.
 PROMISES = (ROOT / "docs" / "dev" / "safety-promises.md").read_text(encoding="utf-8")
 
-LEAN_DEG = math.degrees(math.acos(FALL_COS_TILT))
-
 #: Texts of pages with constants of the code.
 TIMES = {
     "age": (SAFETY, f"older than {EXPIRY_S:g} s"),
     "silence": (SAFETY, f"`expired`: controller silent | freezes; sits down after {SIT_AFTER_S:g} s"),
     "state": (SAFETY, f"no state for {EXPIRY_S:g} s"),
-    "fall": (SAFETY, f"leans by more than {LEAN_DEG:.0f}° for {FALL_TICKS * PERIOD_S:g} s"),
+    "fall": (
+        SAFETY,
+        f"leans by more than {math.degrees(math.acos(FALL_COS_TILT)):.0f}° for {FALL_TICKS * PERIOD_S:g} s",
+    ),
     "pose": (SAFETY, f"a known pose stays away for {POSE_EXPIRY_S:g} s"),
     "heat": (SAFETY, f"a servo at {TOO_HOT_C:g} °C or more"),
     "jump": (SAFETY, f"a jump after {LASTS_S:g} s"),

@@ -71,21 +71,16 @@ def test_parquet_has_nulls_types_and_the_outcome(walk: RecordedTrial, tmp_path: 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: Any, walk: RecordedTrial) -> Path:
     """Two episodes of the same task, the second without its last second."""
-    shorter = cut(walk, len(walk) - FPS)
+    arrays = (
+        *("stamps_ns", "time_s", "walk_s", "phases", "commanded_rad", "measured_rad", "leg_conditions"),
+        *("base_position_world", "base_quaternion_world", "foot_contacts"),
+    )
+    shorter: RecordedTrial = replace(walk, **{name: getattr(walk, name)[:-FPS] for name in arrays})
     folder: Path = tmp_path_factory.mktemp("lerobot") / "walks"
     told: list[tuple[int, int]] = []
     write_lerobot([walk, shorter], folder, lambda done, total: told.append((done, total)))
     assert told == [(1, 2), (2, 2)]
     return folder
-
-
-def cut(walk: RecordedTrial, ticks: int) -> RecordedTrial:
-    names = ("stamps_ns", "time_s", "walk_s", "phases", "commanded_rad", "measured_rad")
-    more = ("base_position_world", "base_quaternion_world", "foot_contacts")
-    changes: dict[str, Any] = {
-        name: getattr(walk, name)[:ticks] for name in (*names, *more, "leg_conditions")
-    }
-    return replace(walk, **changes)
 
 
 def test_frames_are_those_of_the_walks(dataset: Path, walk: RecordedTrial) -> None:

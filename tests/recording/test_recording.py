@@ -268,13 +268,13 @@ def test_a_probe_that_is_interrupted_leaves_nothing_behind(
     assert not list(tmp_path.iterdir())
 
 
-def messages(content: bytes, *kinds: int) -> Iterator[tuple[int, int]]:
-    """Where each message of some kinds begins, behind its head, and where it ends."""
+def chunks_in(content: bytes) -> Iterator[tuple[int, int]]:
+    """Where the message of each chunk begins, behind its head, and where it ends."""
     at = STREAM_HEAD_BYTES
     while at + MESSAGE_HEAD.size <= len(content):
         kind, length = MESSAGE_HEAD.unpack_from(content, at)
         at += MESSAGE_HEAD.size
-        if kind in kinds:
+        if kind == CHUNK:
             yield at, at + length
         at += length
 
@@ -286,7 +286,7 @@ def test_what_was_cut_off_is_read_up_to_there(
 ) -> None:
     """Cut off at the beginning of a chunk's message, in the middle of it, or behind it."""
     cut, content = tmp_path / "cut.rrd", written.read_bytes()
-    places = list(messages(content, CHUNK))
+    places = list(chunks_in(content))
     start, stop = places[number]
     cut.write_bytes(content[: start + round(share * (stop - start))])
     assert len(list(read_chunks(cut))) == places.index((start, stop)) + (share == 1.0)

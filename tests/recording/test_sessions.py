@@ -136,24 +136,14 @@ def test_what_fails_leaves_the_earlier_one(tmp_path: Path, monkeypatch: pytest.M
     assert list(tmp_path.iterdir()) == [path]
 
 
-GAITS = 120
-
-
-def beliefs_of(trials: int) -> GaitBeliefs:
-    signed_m = np.linspace(-1.0, 1.0, GAITS) / (trials + 1)
-    return GaitBeliefs(signed_m=signed_m, low_m=signed_m - 0.2, high_m=signed_m + 0.3)
-
-
-STEPS = tuple(
-    SearchStep(trials=done, note=f"after {done}", next_code=code, beliefs=beliefs_of(done))
-    for done, code in enumerate((10, 20, 30, 40, None))
-)
-
-
 def test_beliefs_do_not_stay_where_there_are_none_any_more(tmp_path: Path) -> None:
-    path = tmp_path / "overview.rrd"
-    few = (*STEPS[:3], *(replace(step, beliefs=None) for step in STEPS[3:]))
-    write_overview_file(path, replace(SESSION, steps=few))
+    path, signed_m = tmp_path / "overview.rrd", np.linspace(-1.0, 1.0, 120)
+    beliefs = GaitBeliefs(signed_m=signed_m, low_m=signed_m - 0.2, high_m=signed_m + 0.3)
+    steps = tuple(
+        SearchStep(trials=done, note=f"after {done}", next_code=code, beliefs=beliefs if done < 3 else None)
+        for done, code in enumerate((10, 20, 30, 40, None))
+    )
+    write_overview_file(path, replace(SESSION, steps=steps))
     shown = {
         "intervals": rows(path, "/belief/intervals", "LineStrips2D:strips"),
         "expected": rows(path, "/belief/expected", "Points2D:positions"),

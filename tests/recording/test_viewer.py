@@ -91,10 +91,16 @@ def test_a_browser_is_sent_to_the_dark_viewer_of_all_recordings(
     assert live == {"theme": ["dark"], "url": ["rerun+http://127.0.0.1:1234/proxy"]}
 
 
-NO_DISPLAY = "Error: winit EventLoopError: neither WAYLAND_DISPLAY nor WAYLAND_SOCKET nor DISPLAY is set."
-
-
-@pytest.mark.parametrize(("said", "told"), [(NO_DISPLAY, "--web"), ("info\\nError: no GPU", "no GPU")])
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        (
+            "Error: winit EventLoopError: neither WAYLAND_DISPLAY nor WAYLAND_SOCKET nor DISPLAY is set.",
+            "--web",
+        ),
+        ("info\\nError: no GPU", "no GPU"),
+    ],
+)
 def test_an_error_of_the_viewer_is_passed_on_in_one_line(
     said: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

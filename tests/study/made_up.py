@@ -13,18 +13,20 @@ from hexctl.study.walking import Silent
 from hexctl.types import FloatArray
 from tests.robots import shipped
 
-ALL = tuple(range(1, 121))
 
-
-def spec(leg: int = 5, self_rotation: SelfRotation = "none", duration_s: float = 0.4,
-         codes: Sequence[int] = ALL, seed: int = 0, world: World | None = None) -> LandscapeSpec:  # fmt: skip
+def spec(
+    leg: int = 5,
+    self_rotation: SelfRotation = "none",
+    duration_s: float = 0.4,
+    codes: Sequence[int] = range(1, 121),
+) -> LandscapeSpec:
     return LandscapeSpec(
         robot=shipped(),
-        world=world or World(),
+        world=World(),
         leg=leg,
         self_rotation=self_rotation,
         duration_s=duration_s,
-        seed=seed,
+        seed=0,
         codes=tuple(codes),
     )
 

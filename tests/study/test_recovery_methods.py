@@ -160,7 +160,12 @@ def test_it_stands_says_what_failed_and_goes_on_along_the_line(episodes: Sequenc
 def test_it_is_told_nothing_of_what_is_to_come(episodes: Sequence[Episode]) -> None:
     trial = LONG.trial(STOPPING)
     method = method_of("stop-diagnose")
-    result = run_sim_trial(trial, lambda start: method.controller(_checked(start), [()]))
+
+    def make(start: WalkStart) -> Any:
+        assert all(plan.belief is None for plan in start.plans)
+        return method.controller(start, [()])
+
+    result = run_sim_trial(trial, make)
     assert repr(Episode.of(STOPPING, trial, result)) == repr(episodes[1])
 
 
@@ -183,11 +188,6 @@ def test_a_policy_that_stops_ends_the_walk_of_the_oracle_in_the_tick_of_the_fail
     (result,) = run_sim_trials([trial], 1, make, apart=True)
     assert (result.status, result.stopped) == ("aborted", "leg 2 limp")
     assert result.duration_s == pytest.approx(trial.events[0].at_s, abs=0.03)
-
-
-def _checked(start: WalkStart) -> WalkStart:
-    assert all(plan.belief is None for plan in start.plans)
-    return start
 
 
 OPEN = replace(plan().walked()[0][0], duration_s=7.0)
