@@ -34,8 +34,6 @@ SHORTER_SERVED = {
     "run": "--duration 0.5 --self-rotation none",
     "adapt": "--budget 1 --duration 1 --self-rotation none",
 }
-#: Appended to the rendered camera, which draws without a graphics card.
-SMALLER_PICTURES = "--size 640x360 --fps 12"
 #: Left out: a window, and the speed of a real robot.
 DROPPED = ("--view", "--realtime")
 
@@ -59,14 +57,6 @@ PARSED = {
     ("run", "--then"): "the same",
     ("--dask",): "needs a cluster; tests/study has one",
 }
-
-#: The robot file that a reader has made, where a page speaks of one without making it.
-READERS_ROBOT = ROOT / "configs" / "robots" / "phantomx.yaml"
-
-#: The exit code of a walk that was stopped; in real time a machine that is too busy for 0.2 s is a reason.
-STOPPED = 3
-ATTEMPTS = 3
-
 
 #: Commands of which each distinct one is run on one page only: what they leave behind, no other needs.
 RUN_ONCE = ("run", "adapt", "demo", "study", "check", "prior show")
@@ -199,18 +189,19 @@ class Shell:
             arguments[arguments.index("--connect") + 1] = self._board
         _stay_here(arguments)
         paced = served or on_bus or "mock" in arguments or "mavlink" in arguments
-        for _ in range(ATTEMPTS if paced else 1):
+        for _ in range(3 if paced else 1):  # a machine that is too busy for 0.2 s stops a walk
             code = exit_code(arguments)
-            if code != STOPPED:
+            if code != 3:
                 break
             if served:  # the stop is latched
                 exit_code(["estop", "--clear", *self._robot])
         assert code == 0, f"exit code {code} of hexctl {' '.join(arguments)}"
 
     def _make_robot_file(self, arguments: list[str]) -> None:
+        """Make the robot file that a page speaks of without making it."""
         for word, after in pairwise(arguments):
             if word == "--robot" and after.startswith("./") and not (self._folder / after).exists():
-                (self._folder / after).write_bytes(READERS_ROBOT.read_bytes())
+                shutil.copy(ROOT / "configs" / "robots" / "phantomx.yaml", self._folder / after)
 
     def _serve(self, arguments: list[str]) -> None:
         """Serve a robot on loopback until the page serves another; a simulated one stands for a real one."""
@@ -241,7 +232,8 @@ class Shell:
         if "--http-port" in arguments:
             at = arguments.index("--http-port")
             del arguments[at : at + 2]
-        said = self._start(_replaced(arguments, [*SMALLER_PICTURES.split(), *self._robot]), "camera over ")
+        small = ["--size", "640x360", "--fps", "12"]  # drawn without a graphics card
+        said = self._start(_replaced(arguments, [*small, *self._robot]), "camera over ")
         found = re.search(r" at (http://\S+)", said)
         assert found, said
         self._camera = found[1]
@@ -294,7 +286,7 @@ class Shell:
     def _copy(self, words: list[str]) -> None:
         """Copy a file of the repository into the folder."""
         source, target = words
-        (self._folder / target).write_bytes((ROOT / source).read_bytes())
+        shutil.copy(ROOT / source, self._folder / target)
 
 
 def _replaced(arguments: list[str], options: list[str]) -> list[str]:

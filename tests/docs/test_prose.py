@@ -15,21 +15,6 @@ from tests.docs.pages import PAGES, ROOT
 
 DOCS = ROOT / "docs"
 
-#: The most words of the README and of another page.
-MOST_OF_README, MOST_OF_A_PAGE = 650, 2_300
-
-#: The most words of all pages of docs/ together.
-MOST_OF_ALL = 33_000
-
-#: The most words of a sentence on average, of a page.
-MOST_PER_SENTENCE = 16
-
-#: Semicolons: as many on a page, or in a thousand words.
-SEMICOLONS, SEMICOLONS_PER_1000 = 3, 2
-
-#: The only page on which errors of measurement stand.
-WITH_ERRORS = "docs/results/results.md"
-
 #: Phrases that read as if translated; `on the mean` is *on average*, `greatest` is *maximum*, and so on.
 BANNED = re.compile(
     r"which nothing tells|\bis told\b|\bare told\b|\bis said\b|\bof (?:one's|your|its|my) own\b|\bof ours\b"
@@ -39,11 +24,10 @@ BANNED = re.compile(
     re.IGNORECASE,
 )
 
-#: Banned phrases that are left in docstrings and comments of hexctl; only ever lowered.
-MOST_IN_DOCSTRINGS = 1
-
-ALL = [ROOT / "CHANGELOG.md", *PAGES, *sorted((DOCS / "api").glob("*.md"))]
-MARKED = [pytest.param(page, id=str(page.relative_to(ROOT))) for page in ALL]
+MARKED = [
+    pytest.param(page, id=str(page.relative_to(ROOT)))
+    for page in (ROOT / "CHANGELOG.md", *PAGES, *sorted((DOCS / "api").glob("*.md")))
+]
 
 
 def words(page: Path) -> int:
@@ -69,12 +53,12 @@ def sentence_lengths(text: str) -> list[int]:
 
 @pytest.mark.parametrize("page", MARKED)
 def test_a_page_is_short(page: Path) -> None:
-    assert words(page) <= (MOST_OF_README if page.name == "README.md" else MOST_OF_A_PAGE)
+    assert words(page) <= (650 if page.name == "README.md" else 2_300)
 
 
 def test_all_pages_together_are_short() -> None:
     pages = [page for page in DOCS.rglob("*.md") if page.parent.name != "dev"]
-    assert sum(map(words, pages)) <= MOST_OF_ALL
+    assert sum(map(words, pages)) <= 33_000
 
 
 @pytest.mark.parametrize("page", MARKED)
@@ -83,10 +67,10 @@ def test_a_page_is_in_plain_english(page: Path) -> None:
     whole = page.read_text(encoding="utf-8")
     text = prose(whole)
     lengths = sentence_lengths(text)
-    assert sum(lengths) <= MOST_PER_SENTENCE * max(1, len(lengths))
+    assert sum(lengths) <= 16 * max(1, len(lengths))
     count = len(re.findall(r"[A-Za-z][\w'-]*", text))
-    assert text.count(";") <= max(SEMICOLONS, SEMICOLONS_PER_1000 * count / 1000)
-    assert "±" not in whole or page.relative_to(ROOT).as_posix() == WITH_ERRORS
+    assert text.count(";") <= max(3, 2 * count / 1000)
+    assert "±" not in whole or page.relative_to(ROOT).as_posix() == "docs/results/results.md"
     assert [found[0] for found in BANNED.finditer(re.sub(r"\s+", " ", text))] == []
 
 
@@ -94,7 +78,7 @@ def test_docstrings_have_few_banned_phrases() -> None:
     texts = (path.read_text(encoding="utf-8") for path in sorted((ROOT / "hexctl").rglob("*.py")))
     docstrings = chain.from_iterable(re.findall(r'"""(.*?)"""', text, re.DOTALL) for text in texts)
     found = [each[0] for text in docstrings for each in BANNED.finditer(re.sub(r"`[^`]*`", "X", text))]
-    assert len(found) <= MOST_IN_DOCSTRINGS, found
+    assert len(found) <= 1, found  # only ever lowered
 
 
 TABLES = results.results()
@@ -110,22 +94,16 @@ def test_a_page_has_the_figures_of_the_file(page: Path) -> None:
     assert results.updated(text, TABLES) == text, "python -m benchmarks.results writes the figures"
 
 
-def test_each_table_says_how_it_was_measured() -> None:
+def test_each_table_stands_on_a_page_and_says_how_it_was_measured() -> None:
+    shown = {found[1] for page in results.pages() for found in results.TABLE.findall(page.read_text("utf-8"))}
+    assert shown == {*TABLES}
     for name, table in TABLES.items():
         assert date.fromisoformat(table["date"]), name
         assert table["n"], name
         assert table["command"], name
         extra = {key for row in table["rows"].values() for key in row} - {*table["columns"], "name", "unit"}
         assert not extra, name
-
-
-def test_the_table_of_reality_has_every_item() -> None:
     assert list(TABLES[reality.TABLE]["rows"]) == list(reality.ITEMS)
-
-
-def test_every_table_stands_on_a_page() -> None:
-    shown = {found[1] for page in results.pages() for found in results.TABLE.findall(page.read_text("utf-8"))}
-    assert shown == {*TABLES}
 
 
 def test_a_number_is_replaced_by_that_of_its_key() -> None:

@@ -219,29 +219,20 @@ def test_two_walks_are_seen_in_one_scene_with_the_list_of_recordings(
         assert of_kind(window, "3D").pixels.shape[1] < 0.65 * whole.pixels.shape[1]
 
 
-#: Of a browser's page, in pixels.
-PAGE_SIZE = (800, 500)
-
-#: A browser without a screen prefers light pages. Text and feet are white, and nothing large.
-WHITE, WHITE_SHARE = (255, 255, 255), 0.05
-
-#: How long a page may take that draws three dimensions without a graphics card.
-PATIENCE_S = 90.0
-
-
 @pytest.fixture
 def page(home: dict[str, str]) -> Iterator[Browser]:
     try:
-        with browser(PAGE_SIZE, Path(home["HOME"])) as opened:
+        with browser((800, 500), Path(home["HOME"])) as opened:
             yield opened
     except MissingProgramError as error:
         give_up(error)
 
 
-def seen(page: Browser) -> Picture:
-    """The page once it shows a robot."""
+@pytest.mark.slow
+def test_a_browser_shows_the_robot(page: Browser, trial: Path, tmp_path: Path, home: dict[str, str]) -> None:
+    """On a dark page, though a browser without a screen prefers light ones: text and feet are white."""
 
-    def found() -> Picture | None:
+    def robot() -> Picture | None:
         now = page.picture()
         with suppress(AssertionError):
             assert now is not None, "there is no page"
@@ -249,20 +240,14 @@ def seen(page: Browser) -> Picture:
             return now
         return None
 
-    shown: Picture = wait_until(found, "a robot on the page", PATIENCE_S)
-    return shown
-
-
-@pytest.mark.slow
-def test_a_browser_shows_the_robot(page: Browser, trial: Path, tmp_path: Path, home: dict[str, str]) -> None:
     with program(tmp_path, "view", "hexctl", "view", "--web", str(trial), **home) as viewer:
         viewer.wait_for("in a browser")
         address = re.search(r"http://\S+", viewer.said())
         assert address is not None
         page.go(address[0])
-        shown = seen(page)
-        assert not shown.blank
-        assert shown.share(WHITE, near=10) < WHITE_SHARE, "light lines are drawn on white"
+        # Three dimensions without a graphics card take long.
+        shown: Picture = wait_until(robot, "a robot on the page", 90.0)
+        assert shown.share((255, 255, 255), near=10) < 0.05, "light lines are drawn on white"
         viewer.signal(signal.SIGINT)
         assert viewer.wait() == 0
 
