@@ -174,7 +174,7 @@ def test_a_recording_without_its_robot_is_read_with_one(
     assert read_trial(unknown, robot=load_robot("ant")).robot == trial.robot
 
 
-def test_action_and_state_are_in_one_row_at_every_tick(trial: Trial, tmp_path: Path) -> None:
+def test_action_and_state_are_vectors_in_one_row_at_every_tick(trial: Trial, tmp_path: Path) -> None:
     read = ReadBack(write(tmp_path / "trial.rrd", trial))
     assert pa.types.is_timestamp(read.time_type("/action", "wall_time")), "rerun-lerobot reads no durations"
     times_s, same_s = (
@@ -182,4 +182,7 @@ def test_action_and_state_are_in_one_row_at_every_tick(trial: Trial, tmp_path: P
     )
     assert np.array_equal(times_s, same_s)
     assert np.diff(times_s) == pytest.approx(np.diff(trial.log["time_s"]), abs=1e-6)
-    assert np.shape(read.values("/action", "Scalars:scalars")) == (len(trial.log), N_JOINTS)
+    for entity, name in (("action", "commanded_rad"), ("observation/state", "measured_rad")):
+        values = np.array(read.values(f"/{entity}", "Scalars:scalars"))
+        assert values.shape == (len(trial.log), N_JOINTS)
+        assert values == pytest.approx(trial.log[name], abs=np.radians(0.09)), "finer than servos resolve"

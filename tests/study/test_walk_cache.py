@@ -150,7 +150,6 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
         cache.probe()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("place", "changes"),
     [
