@@ -1,7 +1,7 @@
 """Runs of one servo on a bench: the servo that made them is found again, and damaged files are refused."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -138,7 +138,7 @@ class Motions:
     ) -> None:
         self.errors_rad, self.parameters, self.units, self.name = errors_rad, parameters, units, name
 
-    def fitted(self, *more: "Motions") -> dict[str, Estimate]:
+    def fitted(self, *more: "Motions") -> Mapping[str, Estimate]:
         return fit_values([self, *more], TRUTH, self.parameters).estimates
 
 

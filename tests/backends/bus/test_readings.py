@@ -14,6 +14,7 @@ from hexctl.backends.bus.readings import BelievedReadings
 from hexctl.backends.bus.registers import Register
 from hexctl.backends.bus.servo_bus import Report, ServoBus
 from hexctl.backends.bus.servos import BusServos
+from hexctl.backends.clock import WallClock
 from hexctl.errors import RobotFaultError
 from hexctl.simulators.lx16a_servos import SimulatedLx16aServo
 from hexctl.simulators.register_servos import BusServo
@@ -395,6 +396,6 @@ def test_durations_are_not_reported_as_speeds() -> None:
 def test_noise_between_answers_is_named_at_connect(monkeypatch: pytest.MonkeyPatch) -> None:
     line = BoardLine(a_map(), "noise:1")
     monkeypatch.setattr("hexctl.backends.bus.servos.SerialLine", lambda *_, **__: line)
-    robot = BusServos(shipped("phantomx"), bus_map=a_map(), port="memory", clock=line.time.clock())
+    robot = BusServos(shipped("phantomx"), bus_map=a_map(), port="memory", clock=WallClock(time=line.time))
     robot._open(first=True)
     assert "noise, a missing ground" in robot._notes[0]
