@@ -54,9 +54,7 @@ def test_a_fault_of_the_robot_is_a_result_that_says_why(kit: str, reason: str, w
     assert 0 < outcome["duration_s"] < 8
 
 
-@pytest.mark.parametrize(
-    ("kit", "word"), [("NoPipe", "Broken pipe"), ("NoPort", "/dev/ttyUSB7"), ("BreaksAtOnce", "")]
-)
+@pytest.mark.parametrize(("kit", "word"), [("NoPipe", "Broken pipe"), ("NoPort", "/dev/ttyUSB7")])
 def test_a_robot_that_cannot_be_reached_is_one_line_and_leaves_nothing(
     kit: str, word: str, tmp_path: Path, walk: Call
 ) -> None:
@@ -75,15 +73,9 @@ def test_ctrl_c_before_the_first_command_commands_nothing_and_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("options", "note"),
-    [
-        ("--failed-leg 5 --self-rotation rear", "turns until leg 5 trails"),
-        ("--self-rotation front", "--self-rotation front changes nothing"),
-    ],
-)
-def test_a_self_rotation_says_what_it_does(options: str, note: str, walk: Call) -> None:
-    assert note in walk("Kit", "--no-record", *options.split()).line
+def test_a_robot_that_turns_before_it_walks_says_so_first(walk: Call) -> None:
+    options = ("--no-record", "--failed-leg", "5", "--self-rotation", "rear", "--json")
+    assert "turns until leg 5 trails" in walk("Kit", *options).line
 
 
 @pytest.mark.parametrize("block_ticks", [1, 2000], ids=["in the walk", "at its end"])
@@ -113,6 +105,12 @@ def test_the_best_gait_is_told_and_walked_and_where_none_is_known_that_is_said(c
     assert printed.json["hold"] == "line"
     assert "ant-locked-none-30s-line.npz" in printed.err
     assert "--gait" in call(words, "--failure", "2:missing", code=2).line
+
+
+def test_a_self_rotation_without_a_failed_leg_is_said_to_change_nothing(walk: Call) -> None:
+    for more, noted in (([], True), (["--failed-leg", "2"], False)):
+        printed = walk("Kit", "--no-record", "--self-rotation", "front", *more, duration_s=1)
+        assert ("--self-rotation front changes nothing" in printed.err) is noted
 
 
 @pytest.mark.slow
@@ -160,6 +158,11 @@ def test_a_link_that_breaks_in_the_walk_is_a_line_after_that_of_the_recording(
     if "--record" in record:
         assert "recorded until then: walk.rrd; to repeat it, give another --record" in printed.err
         assert len(read_trial("walk.rrd")) > 50
+
+
+def test_a_link_that_breaks_before_the_first_command_leaves_no_recording(tmp_path: Path, walk: Call) -> None:
+    assert walk("BreaksAtOnce", "--record", "walk.rrd", code=3).line
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.realtime
