@@ -20,9 +20,15 @@ from hexctl import palette
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_viewing import recordings_of, write_overview
 from hexctl.adapt.sessions.store import load_session
+from hexctl.backends.sim.servos import SimServos
+from hexctl.control.guard import Guard
+from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.gait.gait import make_gait
 from hexctl.recording import style
+from hexctl.recording.recording import Recording
 from hexctl.recording.side_by_side import write_together
-from hexctl.runs.run import run
+from hexctl.robot.failure import Failure
 from pictures.browser import Browser, browser
 from pictures.needed import MissingProgramError
 from pictures.picture import Color, Picture
@@ -30,6 +36,7 @@ from pictures.screen import strange_home, virtual_screen
 from pictures.window import Window, open_window
 from tests.export.conftest import session_in
 from tests.recording.test_viewer import ROBOT, rows_at
+from tests.robots import shipped
 from tests.server.processes import Program, program, wait_until
 from tests.trials import walk as walk_alone
 
@@ -83,8 +90,11 @@ def opened(place: Place) -> Opener:
 @pytest.fixture(scope="session")
 def trial(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The recording of a short walk with leg 5 failed."""
-    path: Path = tmp_path_factory.mktemp("trial") / "trial.rrd"
-    run(failed_leg=5, gait="57", self_rotation="rear", hold="none", duration_s=WALK_S, record=path)
+    robot, failure = shipped(), Failure(leg=5)
+    plan = TrialPlan(gait=make_gait(robot, "57", failed_legs=(5,)), belief=failure, duration_s=WALK_S)
+    path = tmp_path_factory.mktemp("trial") / "trial.rrd"
+    with SimServos(robot, failure=failure) as servos, Recording(path, robot, plan, title="seen") as recording:
+        recording.finish(run_trial(Guard(servos), plan, recorders=(recording,)), {})
     return path
 
 
