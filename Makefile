@@ -31,7 +31,7 @@ export MUJOCO_GL ?= disable
 help:
 	@echo "make demo   a hexapod loses a leg in mid-walk and recovers, in simulation"
 	@echo "make check  style, types and the quick tests of what changed (half a minute)"
-	@echo "make test   style, types and tests (about 3 minutes on two cores)"
+	@echo "make test   style, types and tests (2 minutes on two cores)"
 	@echo "make test-all  everything: whole commands, studies, every page, and what runs in real time (half an hour)"
 	@echo "make smoke  the built wheel, installed alone"
 	@echo "make dist   wheel and sdist, checked and installed in an empty environment"
