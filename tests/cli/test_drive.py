@@ -88,7 +88,7 @@ def test_a_stop_of_the_page_is_latched_at_a_served_robot_until_a_person_clears_i
 
                 def drives() -> bool:
                     page.send(json.dumps({"v": [0.5, 0, 0]}))
-                    return json.loads(page.recv(timeout=WAIT_S)).get("source") == "page"
+                    return bool(json.loads(page.recv(timeout=WAIT_S)).get("source") == "page")
 
                 wait_for(drives, WAIT_S, "the page does not drive")
                 page.send(json.dumps({"do": "stop"}))
