@@ -135,7 +135,7 @@ def test_a_robot_is_watched_while_another_commands_it(tmp_path: Path) -> None:
         assert status["leases_refused"] == 0
         viewer.signal(signal.SIGINT)
         assert viewer.wait() == 0
-        assert controller.process.poll() is None
+        assert controller.process.poll() is None, controller.said()
 
 
 @pytest.mark.realtime
