@@ -1,5 +1,6 @@
 """`hexctl servos`, `ports` and `sim board` as a user calls them."""
 
+import json
 import os
 import signal
 import subprocess
@@ -10,10 +11,11 @@ from typing import Any
 import pytest
 from serial.tools.list_ports_common import ListPortInfo
 
+from hexctl.cli.main import exit_code
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.types import JOINT_NAMES
-from tests.backends.bus.boards import a_map, memory_bus
+from tests.backends.bus.boards import MemoryBus, a_map, memory_bus
 from tests.backends.mavlink.boards import PATIENCE_S, board
 from tests.cli.conftest import Call
 from tests.cli.terminals import type_in
@@ -219,3 +221,21 @@ def test_what_happens_to_boards_on_an_i2c_bus_is_said(fault: str, message: str, 
         outcome = call("run --backend pca9685 --connect", running.port, *words, code=3).json
         assert message in outcome["stopped"]
         running.end()
+
+
+@pytest.mark.parametrize("driver", ["dynamixel", "feetech"])
+def test_servos_of_two_families_on_one_line_are_both_found(
+    driver: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow, fast = (
+        MemoryBus(a_map("dynamixel", "xl430-w250"), *ONLY_ONE, baud=57_600),
+        MemoryBus(a_map(), *ONLY_ONE),
+    )
+    monkeypatch.setattr(
+        "hexctl.backends.bus.tools.SerialLine",
+        lambda path, baud: (slow if baud == 57_600 else fast).open(path, baud),
+    )
+    words = ["servos", "scan", "--driver", driver, "--connect", fast.path, "--baud", "all", "--json"]
+    assert exit_code(words) == 0
+    (found,) = [each for each in json.loads(capsys.readouterr().out) if each["model"]]
+    assert found["baud"] == {"dynamixel": 57_600, "feetech": 1_000_000}[driver]

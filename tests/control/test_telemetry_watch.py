@@ -402,3 +402,15 @@ def test_a_drive_slows_with_warm_servos_says_so_once_and_sits_when_it_is_too_hot
     assert warm < 0.6 * cool
     assert len(news) == 1
     assert "walks slower" in news[0]
+
+
+def test_joints_are_apart() -> None:
+    watch = Temperatures()
+    watch.take(np.array([30.0, 50.0]), 0.0)
+    assert watch.take(np.array([140.0, 51.0]), 0.02).tolist() == [30.0, 51.0]
+
+
+@pytest.mark.parametrize(("reading_v", "least_v"), [(None, 9.0), (float("nan"), 9.0), (1.0, None)])
+def test_missing_readings_and_thresholds_are_not_low(reading_v: float | None, least_v: float | None) -> None:
+    watch = BatteryWatch()
+    assert not any(watch.low(reading_v, least_v, DT_S * n) for n in range(200))

@@ -1,5 +1,6 @@
 """Faults: what is measured of a robot after one, which cells are run and how a run goes on."""
 
+import random
 import re
 import socket
 import time
@@ -24,7 +25,7 @@ from faults.measurement import (
 )
 from faults.phase import PHASES
 from faults.process import Program
-from faults.programs.relay import Frames
+from faults.programs.relay import Condition, Frames, Queue
 from faults.programs.truth import FAULT, STATE, TOLD, Truth, TruthWriter
 from faults.results import Results
 from faults.sense import cells, left_out, why_not
@@ -249,3 +250,15 @@ def test_about_as_many_datagrams_are_lost_as_told(tmp_path: Path) -> None:
         finally:
             relay.end()
     assert 150 < came < 270
+
+
+def test_what_is_cut_off_is_lost_and_what_comes_later_passes() -> None:
+    sent: list[bytes] = []
+    condition = Condition()
+    queue = Queue(condition, random.Random(0))
+    queue.put(b"first", sent.append)
+    condition.change("cut")
+    queue.put(b"lost", sent.append)
+    condition.change("clear")
+    queue.put(b"later", sent.append)
+    assert sent == [b"first", b"later"]

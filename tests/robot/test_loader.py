@@ -21,7 +21,7 @@ from hexctl.robot.plugins import load_named, made_of, module_here
 from hexctl.robot.schema import Body, even_box_m
 from hexctl.robot.yaml_text import yaml_content
 from tests.robot.meshmaking import MAKERS, glb_box, stl_box
-from tests.robots import Edit, drop, edited_file, put, shipped
+from tests.robots import ROBOT_NAMES, Edit, drop, edited_file, put, shipped
 
 
 def test_friction_stiffness_and_speed_without_load_are_per_joint_kind(tmp_path: Path) -> None:
@@ -446,3 +446,13 @@ def test_a_missing_or_broken_mesh_is_refused_in_one_line(
     message = str(refusal.value)
     assert message.startswith(f"{path}: meshes.femur.file: {tmp_path / file}")
     assert "\n" not in message
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_shipped_robots_have_their_legs_counter_clockwise_from_the_front(name: str) -> None:
+    robot = shipped(name)
+    azimuths = np.degrees(robot.leg_azimuths_rad) % 360
+    assert (np.diff(azimuths) > 0).all()
+    assert (robot.stance_feet_body[[1, 2], 1] > 0).all(), "legs 2 and 3 stand on the left"
+    assert (robot.stance_feet_body[[4, 5], 1] < 0).all(), "legs 5 and 6 stand on the right"
+    assert robot.stance_feet_body[0, 0] > 0, "leg 1 stands in front"

@@ -428,3 +428,16 @@ def test_a_file_that_is_a_link_keeps_being_one(tmp_path: Path) -> None:
     write_joint(link, default_servo_map(), 0)
     assert link.is_symlink()
     assert "servos:" in real.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"channels": list(range(1, 19))}, "servos.channels"),
+        ({"signs": np.ones(6)}, "servos.signs"),
+        ({"offsets_deg": np.full(18, np.nan)}, "servos.offsets_deg"),
+    ],
+)
+def test_a_map_of_wrong_arrays_is_refused(change: dict[str, Any], named: str) -> None:
+    with pytest.raises(InputError, match=named):
+        replace(default_servo_map(), **change)

@@ -15,6 +15,7 @@ from hexctl.backends.base import TruePose
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.zenoh.zenoh_client import ask
 from hexctl.control.guard import POSE_EXPIRY_S
+from hexctl.errors import RobotFaultError
 from hexctl.server.transport import Arrival
 from hexctl.types import FloatArray
 from hexctl.wire.description import user_name
@@ -432,3 +433,18 @@ def test_a_hundred_thousand_spoiled_messages_over_the_link_move_nothing_and_dela
             counts = status["commands"]
             dropped = counts["malformed"] + counts["stale_owner"] + counts["overflowed"]
             assert dropped > MANY / 100  # Zenoh drops what a robot cannot take; what came is counted
+
+
+@pytest.mark.parametrize("error", [OSError(5, "Input/output error"), KeyError("leg7")])
+def test_servos_that_raise_while_a_command_is_answered_are_a_fault_with_a_name(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def read() -> None:
+        raise error
+
+    bench.obey()
+    monkeypatch.setattr(bench.servos, "read", read)
+    with pytest.raises(RobotFaultError, match=type(error).__name__):
+        bench.command(bench.stance_rad + 0.01)
+    with pytest.raises(RobotFaultError, match=r"PosedMock\.read"):
+        bench.ticks(1)

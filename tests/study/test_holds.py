@@ -15,7 +15,7 @@ from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from hexctl.study.held_out import INTACT, with_sensors
 from hexctl.study.held_out_experiment import frame_of
-from hexctl.study.hold_plan import HoldPlan, statistics
+from hexctl.study.hold_plan import FIRST_WORLD, HoldPlan, statistics
 from hexctl.study.hold_walks import HoldCase, HoldPlace, HoldWalk
 from hexctl.study.paper.evidence import clustered_error
 from tests.robots import shipped
@@ -160,3 +160,20 @@ def test_sensors_are_late_noisy_and_lossy_and_the_rest_of_the_world_is_kept() ->
             assert sensed.lost_poses == 0.05
             left = {"state_latency_s", "sensor_noise", "lost_poses"}
             assert sensed.model_dump(exclude=left) == world.model_dump(exclude=left)
+
+
+@pytest.mark.slow
+def test_every_robot_walks_every_case_in_every_world() -> None:
+    made = plan(robots=(shipped(), shipped("pexod")), worlds=2)
+    places = [place for place, _ in made.walked()]
+    assert [(one.robot.name, one.family, one.number) for one in places] == [
+        (robot, family, number)
+        for robot in ("ant", "pexod")
+        for family in ("transfer", "real")
+        for number in (FIRST_WORLD, FIRST_WORLD + 1)
+    ]
+    cases = made.cases()
+    assert [case.hold for case in cases[:3]] == ["none", "heading", "line"]
+    assert (len(cases), len(set(cases))) == (3 * (1 + 2 * 2), 3 * (1 + 2 * 2))
+    assert {case.failure for case in cases if case.leg == 0} == {"intact"}
+    made.check()

@@ -1,6 +1,7 @@
 """A session in simulation: what devices ask for is done, and release and silence end in a stand in time."""
 
 import math
+import os
 import sys
 import threading
 from collections.abc import Iterator
@@ -18,6 +19,7 @@ from hexctl.control.drive.drive import Drive
 from hexctl.control.guard import Guard
 from hexctl.robot.rotations import about_z
 from hexctl.teleop.drive_session import DriveSession, Travel, name_of
+from hexctl.teleop.keyboard import Keyboard
 from hexctl.types import N_JOINTS, RobotState
 from hexctl.waiting import wait_for
 from tests.robots import ROBOT_NAMES
@@ -282,3 +284,40 @@ def test_travel_is_the_length_of_a_path_its_speed_and_the_turn() -> None:
     assert travel.distance_m == pytest.approx(1.5, abs=0.03)
     assert travel.speed_m_s == pytest.approx(0.5, rel=0.25)
     assert travel.heading_deg == pytest.approx(90.0)
+
+
+class Typed(Keyboard):
+    """A keyboard on which keys are pressed at ticks; the greatest speed after each."""
+
+    def __init__(self, session: DriveSession, keys: dict[int, str]) -> None:
+        self._reading, self.writing = os.pipe()
+        drive = session.drive
+        super().__init__(
+            drive.arbiter.source("keyboard"), drive.share, session.ask, self._reading, lambda _: None
+        )
+        self._drive, self._typed = drive, keys
+        self._tick, self._last = 0, ""
+        self.speeds_m_s = dict.fromkeys(keys.values(), 0.0)
+
+    def poll(self) -> None:
+        if keys := self._typed.get(self._tick, ""):
+            os.write(self.writing, keys.encode())
+            self._last = keys
+        super().poll()
+        self._tick += 1
+        if self._last:
+            now_m_s = abs(self._drive.velocity.forward_m_s)
+            self.speeds_m_s[self._last] = max(now_m_s, self.speeds_m_s[self._last])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("down", ["x", "0"])
+def test_a_robot_that_is_told_to_stand_does_not_walk_off_at_the_speed_of_before(down: str) -> None:
+    with Drive("ant") as drive:
+        session = DriveSession(drive)
+        # The key after the stop, or after sitting down, moves nothing either.
+        typed = Typed(session, {115: "ww", 160: down, 290: "w", 300: "1", 450: "www", 500: "q"})
+        session.run([typed])
+        assert typed.speeds_m_s["ww"] > 0.05
+        assert typed.speeds_m_s["1"] == 0.0
+        assert typed.speeds_m_s["www"] > 0.08

@@ -196,3 +196,16 @@ def test_a_device_that_talks_nonsense_is_no_board(noise: bytes) -> None:
 def test_a_port_that_is_none_is_refused(text: str | None) -> None:
     with pytest.raises(InputError, match="connect: "):
         parse_servo2040_port(text)
+
+
+@pytest.mark.parametrize("firmware", ["stock", "fork"])
+def test_the_relay_is_off_before_the_first_targets_and_without_torque(firmware: str) -> None:
+    with memory_servo2040(firmware=firmware) as running:
+        with servos_on(running) as servos:
+            until(servos, lambda _: servos.counters.reports > 3, write=False)
+            assert not running.board.relay
+            assert not servos.read().measured
+            until(servos, lambda _: running.board.enabled.all())
+            assert running.board.relay
+            servos.disable_torque()
+        assert not running.board.relay

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl import Failure, RobotState, TrialResult, World
+from hexctl import Failure, RobotState, TrialPlan, TrialResult, World
 from hexctl.control.assessment.cause import Symptoms, WalkSamples
+from hexctl.control.assessment.score import score
 from hexctl.control.assessment.walk_quality import (
     BLOCK_TICKS,
     RAMP_TICKS,
@@ -19,11 +20,12 @@ from hexctl.control.assessment.walk_quality import (
     lean_deg,
     unsteadiness_m_s,
 )
+from hexctl.control.trace import TrialFrame
 from hexctl.robot.rotations import quaternion_of_euler
 from hexctl.types import FloatArray
 from tests.control.assessment.loads import along, changed, scored
 from tests.robots import shipped
-from tests.trials import walk
+from tests.trials import gait_of, walk
 
 SPEED = 0.1485
 
@@ -257,3 +259,25 @@ def test_a_cause_begins_at_its_bound(
 ) -> None:
     grounded = 0.51 if cause == "trunk" else 0.49
     assert Symptoms(saturated, tracking_error, slip, grounded=grounded).cause == cause
+
+
+def test_the_true_path_is_from_the_true_line_by_where_the_robot_was() -> None:
+    measured_world = np.array([[1.0, 2.0, 0.0], [1.1, 3.9, 0.0]])
+    result = score(
+        shipped(),
+        TrialPlan(gait=gait_of(shipped())),
+        status="ok",
+        duration_s=0.04,
+        turned_rad=0.0,
+        clipped_ticks=0,
+        frame=TrialFrame(measured_world[0], 1.5, 0.0),
+        positions_world=measured_world,
+        quaternions_world=np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)),
+        true_frame=TrialFrame(np.array([1.0, 2.0, 0.0]), math.pi / 2, 0.0),
+        true_positions_world=np.array([[1.0, 2.0, 0.0], [0.7, 4.0, 0.0]]),
+    )
+    assert result.true_path_m is not None
+    np.testing.assert_allclose(result.true_path_m, [[0.0, 0.0], [2.0, 0.3]], atol=1e-12)
+    assert result.true_deviation is not None
+    assert result.true_deviation.signed == pytest.approx(0.3)
+    assert scored(along(1.2, np.array([0.0, 0.1]))).true_path_m is None

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from hexctl.control.monitor.dead_legs import DeadLegs
 from hexctl.control.monitor.joint_following import JointFollowing
 from hexctl.control.monitor.joint_stiffness import BLOCK_TICKS, JointStiffness
 from hexctl.control.monitor.leg_probe import FIRST_CYCLES, LATER, LegProbe
@@ -303,3 +304,14 @@ def test_another_motion_is_learned_before_it_is_judged() -> None:
 
 def test_a_robot_of_a_batch_is_judged_as_alone() -> None:
     assert _walk(10, 0.5, shape=(2,)) == _walk(10, 0.5)
+
+
+def test_a_dead_leg_that_is_put_down_again_starts_anew() -> None:
+    dead = DeadLegs((), 0.02, np.array(1 / TICKS_PER_CYCLE))
+    state = RobotState(np.zeros(18), 0.0, True)
+    for _ in range(100):
+        dead.update(state, np.arange(18) < 3, None)
+    assert dead.idle[0] > 1
+    dead.forget(1)
+    dead.update(state, np.zeros(18, dtype=bool), None)
+    assert not dead.idle.any()

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hexctl import (
@@ -24,7 +25,11 @@ from hexctl import (
 from hexctl.backends.sim.flaws import SensorNoise
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.preparation import WalkStart
+from hexctl.control.trace import TrialFrame
 from hexctl.control.walks.steered_walk import SteeredWalk
+from hexctl.control.walks.velocity_walk import OVERDRIVE
+from hexctl.ik.legs import foot_positions_body
+from hexctl.types import FloatArray
 from tests.control.posed import Fault, Faulty
 from tests.robots import shipped
 from tests.trials import sim_trial
@@ -164,3 +169,24 @@ def test_a_robot_without_a_pose_is_refused() -> None:
 def test_a_square_with_a_dead_leg_closes() -> None:
     example = runpy.run_path(str(Path(__file__).parents[3] / "examples" / "square.py"))
     assert example["walk_square"](Failure(leg=5), world=World(friction=0.5, slope_deg=1.0)) < 0.03
+
+
+def state_at(position_m: tuple[float, float]) -> RobotState:
+    return RobotState(np.zeros(18), 0.0, True, np.array([*position_m, 0.1]), np.array([1.0, 0.0, 0.0, 0.0]))
+
+
+def test_no_foot_jumps_when_the_line_does() -> None:
+    """The robot is moved aside by 20 cm: strokes change smoothly, and stay within the gait's bounds."""
+    robot = shipped()
+    plan = TrialPlan(gait=make_gait(robot, "demo"))
+    walk = SteeredWalk(WalkStart(robot=robot, plans=(plan,), frame=TrialFrame(np.zeros(3), 0.0, 0.0)))
+    targets: list[FloatArray] = []
+    for step in range(600):
+        aside_m = 0.2 if step >= 300 else 0.0
+        targets.append(walk.targets_rad(step, state_at((0.003 * step, aside_m))))
+    feet = foot_positions_body(robot, np.array(targets))
+    steps_m = np.linalg.norm(np.diff(feet[150:], axis=0), axis=-1)
+    usual_m = steps_m[:140].max()
+    assert steps_m.max() < 1.5 * usual_m
+    reach_m = np.abs((feet - robot.stance_feet_body)[..., :2]).max()
+    assert reach_m <= OVERDRIVE * robot.gait.amplitude * robot.size_m / 2 + 1e-9

@@ -145,3 +145,16 @@ def test_a_robot_that_does_not_turn_walks_from_where_it_is() -> None:
     ideal_s = 2 + math.radians(120) / (1.5 * 0.9 * 0.055 / 0.204)
     assert (turning.stop - turning.start) * 0.02 == pytest.approx(4 * ideal_s + 2 + 0.5, abs=0.1)
     assert result.duration_s == pytest.approx(1)
+
+
+@pytest.mark.parametrize("name", ["ant", "pexod"])
+def test_the_foot_of_a_jammed_leg_is_where_the_jam_puts_it(name: str) -> None:
+    """Leg 5 with its coxa at +30 deg: the foot stands further forward than the leg's stance."""
+    robot = shipped(name)
+    failure = Failure(leg=5, kind="stuck", joint="coxa", angle_rad=math.radians(30))
+    mount, foot = robot.mount_positions_body[4, :2], robot.stance_feet_body[4, :2]
+    cos, sin = math.cos(failure.angle_rad), math.sin(failure.angle_rad)
+    x, y = np.array([[cos, -sin], [sin, cos]]) @ (foot - mount) + mount
+    plan = TrialPlan(gait=gait_of(robot), belief=failure)
+    wanted_deg = math.remainder(180 - math.degrees(math.atan2(y, x)), 360)
+    assert math.degrees(turn_needed_rad(robot, plan)) == pytest.approx(wanted_deg, abs=1e-9)
