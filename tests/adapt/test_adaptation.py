@@ -95,7 +95,9 @@ def test_a_trial_whose_line_is_damaged_keeps_its_recording_and_one_that_has_ende
     assert [trial.index for trial in resumed.trials] == [1, 2, 3, 4]
     assert recording.exists()
     begun: list[Session] = []
+    before = file.read_bytes(), file.stat().st_mtime_ns
     again = Adaptation.resume(name, record=False).run(on_begin=begun.append)
+    assert (file.read_bytes(), file.stat().st_mtime_ns) == before
     assert (again.walked, again.ended, again.trials) == (0, "budget", resumed.trials)
     assert [session.name for session in begun] == [name]
 

@@ -119,6 +119,7 @@ def test_the_command_prints_a_column_each(
         assert exit_code(["sessions", "compare", *names, "--out", path]) == 2
         assert "--out: " in capsys.readouterr().err
     assert exit_code(["sessions", "compare", names[0], "nobody"]) == 2
+    assert exit_code(["sessions", "compare", names[0]]) == 2
 
 
 def test_every_trial_of_all_sessions_is_a_row_and_without_pandas_the_extra_is_named(

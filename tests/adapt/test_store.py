@@ -43,7 +43,7 @@ def test_a_session_comes_back_as_it_was(tmp_path: Path) -> None:
     assert again.optimizer_state == {"after": 3}
 
 
-@pytest.mark.parametrize("value", [np.int64(3), Path("state")], ids=repr)
+@pytest.mark.parametrize("value", [np.int64(3), Path("state"), {1, 2}], ids=repr)
 def test_a_state_that_cannot_be_stored_as_it_is_is_refused_at_once(value: object, tmp_path: Path) -> None:
     store = SessionStore(tmp_path)
     session = store.create(SPEC)

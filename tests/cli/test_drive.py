@@ -129,6 +129,7 @@ def paged(port: str) -> Iterator[ClientConnection]:
 
 @pytest.mark.realtime
 def test_where_nothing_was_driven_there_is_no_recording(call: Call) -> None:
+    call("drive --page 127.0.0.1:0 --record drive.rrd --gait trot", code=2)
     call("drive --page 127.0.0.1:0 --record drive.rrd --backend zenoh --connect tcp/127.0.0.1:1", code=3)
     assert not Path("drive.rrd").exists()
 

@@ -225,6 +225,11 @@ STEERED: dict[str, Any] = {"objective": "speed", "hold": "auto", "self_rotation"
             "hexctl run --failed-leg 5 --gait 17 --body-raise 0.012",
         ),
         (trimmed, "walk on with", f"hexctl run --failed-leg 5 --gait 17 {TRIMMED}"),
+        (
+            lambda: session(hold="none", heading_rad=math.radians(20.0)),
+            "walk on with",
+            "hexctl run --failed-leg 5 --gait 17 --hold none --heading 20 --self-rotation rear",
+        ),
     ],
 )
 def test_a_line_at_the_end_of_a_search(made: Callable[[], Session], label: str, text: str) -> None:

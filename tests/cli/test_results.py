@@ -161,13 +161,14 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("web", [(), ("--web",)])
 def test_a_damaged_recording_is_named_before_anything_is_shown(
-    walk: Path, tmp_path: Path, call: Call, monkeypatch: pytest.MonkeyPatch
+    walk: Path, tmp_path: Path, call: Call, monkeypatch: pytest.MonkeyPatch, web: tuple[str, ...]
 ) -> None:
     damaged = tmp_path / "damaged.rrd"
     damaged.write_bytes(damaged_recordings()[0])
     monkeypatch.setattr(viewer, "viewer_binary", viewer_binary)
-    refusal = call("view", str(walk), str(damaged), code=2).refusal
+    refusal = call("view", *web, str(walk), str(damaged), code=2).refusal
     assert refusal.startswith(f"hexctl: recording: {damaged} is damaged")
 
 

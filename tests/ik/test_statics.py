@@ -305,3 +305,47 @@ def test_gap_and_depth_belong_to_the_parts_that_are_named() -> None:
     touching_m = radii_m[near.nearest].sum(axis=-1)
     assert near.depths == pytest.approx(np.maximum(0.0, -near.gaps_m / touching_m))
     assert ((near.depths > 0) == (near.gaps_m < 0)).all()
+
+
+FLAT, EVERY_FOOT = World(), np.ones(6, dtype=bool)
+
+
+def capacity_of(robot: Robot, joints_rad: FloatArray, standing: BoolArray, world: World = FLAT) -> float:
+    return float(load_capacity(robot, joints_rad, standing, friction=world.friction))
+
+
+def with_capacity(robot: Robot, capacity: float, world: World) -> Robot:
+    """The robot with a share of its torque, by which it carries a multiple of its weight in its stance.
+
+    The two are no proportion: part of the torque carries the links themselves.
+    """
+
+    def weaker(share: float) -> Robot:
+        return replace(robot, joint_max_torque_nm=share * robot.joint_max_torque_nm)
+
+    def excess(share: float) -> float:
+        return capacity_of(weaker(share), robot.stance_angles_rad, EVERY_FOOT, world) - capacity
+
+    from scipy.optimize import brentq
+
+    return weaker(brentq(excess, 1e-4, 1.0))
+
+
+def lowered_m(robot: Robot, world: World) -> float:
+    """How far a simulated robot sinks that stands in its stance for two seconds."""
+    with SimServos(robot, world=world) as servos:
+        for _ in range(100):
+            servos.clock.tick()
+            state = servos.read()
+            servos.write(JointTargets(robot.stance_angles_rad, servos.clock.now_s))
+        assert state.base_position_world is not None
+        return robot.standing_height_m - float(state.base_position_world[2])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "world"), [("ant", ICE), ("pexod", FLAT), ("phantomx", FLAT)])
+def test_a_robot_stands_above_a_capacity_of_one_and_sinks_below(name: str, world: World) -> None:
+    robot = without_friction(name)
+    # Where friction between the feet has to help, feet creep a little before it does.
+    assert lowered_m(with_capacity(robot, 1.1, world), world) < 0.008
+    assert lowered_m(with_capacity(robot, 0.9, world), world) > 0.02

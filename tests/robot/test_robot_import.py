@@ -590,7 +590,10 @@ REFUSED = {
     "a hinge beyond the coxa": (four_hinges("0 0 1", "1 0 0", "0 -1 0", "1 0 0"), LACKING),
     "three vertical hinges": (four_hinges("0 0 1", "0 0 1", "0 0 1", "0 -1 0"), LACKING),
     "hinges in turn": (four_hinges("1 0 0", "0 0 1", "1 0 0", "0 0 1"), LACKING),
-    **{f"{joint} follows": (followed(joint), f"{joint} of a leg follows jt3") for joint in ("jc1", "jt6")},
+    **{
+        f"{joint} follows": (followed(joint), f"{joint} of a leg follows jt3")
+        for joint in ("jc1", "jf2", "jt6")
+    },
     "two links of a name": (hexapod(more='<link name="c3"/>'), "2 links named 'c3'"),
     "two roots": (hexapod(more='<link name="loose"/>'), "2 links"),
     "a link that is not there": (changed('<parent link="base"/>', '<parent link="nowhere"/>'), "nowhere"),

@@ -205,7 +205,7 @@ def repeated(act: Callable[[], object], period_s: float) -> Iterator[None]:
                 act()
             until.wait(period_s)
 
-    thread = threading.Thread(target=run)
+    thread = threading.Thread(target=run, daemon=True)
     thread.start()
     try:
         yield

@@ -44,6 +44,8 @@ class Custom(RecoveryMethod):
 
 def test_methods_have_names_and_custom_ones_a_package() -> None:
     assert DEFAULT_METHODS == ("nothing", "told", "recover")
+    searches = {"trial-and-error", "cma-es", "ppo"}
+    assert set(METHODS) == {*DEFAULT_METHODS, *searches, "stop-diagnose", "decentralised", "open-loop-best"}
     assert isinstance(method_of(f"{__name__}:Custom"), Custom)
     assert {name for name in METHODS if method_of(name).notices} == {"nothing", "recover", "stop-diagnose"}
 

@@ -168,6 +168,7 @@ def test_members_that_a_family_does_not_have_are_refused(first: int, count: int)
 WRONG_RANGES = {
     "friction: {low: 1, high: 0.4}": "ranges.friction",
     "friction: {low: -1, high: 1, scale: log}": "log",
+    "friction: {low: .nan, high: 1}": "ranges.friction.low",
     "friction: {low: 1, high: 2, scale: cubic}": "cubic",
     "friction: {low: -1, high: 1}": "friction",
     "fricton: {low: 0.4, high: 1}": "fricton",
@@ -200,6 +201,7 @@ WRONG_FAMILIES = {
     "seed: 1\n": "ranges",
     "": "ranges",
     SMALL.removeprefix("seed: 1\n"): "seed",
+    SMALL.replace("seed: 1", "seed: -1"): "seed",
     SMALL + "kindz: []": "kindz",
     SMALL + "kinds: []": "kinds",
     SMALL + "kinds: [{name: a, world: {fricton: 1}}]": r"kinds\[0\].world.fricton",
