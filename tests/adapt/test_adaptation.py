@@ -86,7 +86,7 @@ def test_what_an_unknown_failure_breaks_is_noted_and_not_told() -> None:
 
 
 @pytest.mark.usefixtures("landscape")
-def test_a_trial_whose_line_is_damaged_keeps_its_recording_and_one_that_has_ended_stays_as_it_is() -> None:
+def test_a_damaged_line_costs_no_recording_and_an_ended_session_stays_as_it_is() -> None:
     name = adapt(5, budget=2, optimizer="pso", prior="none", record=False).session.name
     file, recording = Path("runs", name, FILE_NAME), Path("runs", name, "trial-002.rrd")
     file.write_text(file.read_text().replace('"index": 2', '"index": '))
@@ -184,7 +184,7 @@ class Warned(Blind):
         return replace(super().read(), warnings=(f"warm, {60 + len(self.sent) % 7} degrees C: {servos}",))
 
 
-def test_an_operator_measures_a_connected_robot_each_of_whose_warnings_is_noted_once() -> None:
+def test_an_operator_measures_a_robot_with_warnings() -> None:
     operator, notes = Measures(), list[str]()
     options: dict[str, Any] = {"budget": 2, "duration_s": 1.0, "prior": "none", "baseline": False}
     robot = Warned(shipped())
@@ -342,9 +342,7 @@ def test_parts_that_contradict_the_spec_are_refused(parts: dict[str, Any]) -> No
     ],
     ids=str,
 )
-def test_straight_walks_are_trimmed_and_fast_ones_have_strides_unless_another_search_is_asked_for(
-    options: dict[str, Any], optimizer: str
-) -> None:
+def test_the_default_optimizer_follows_the_options(options: dict[str, Any], optimizer: str) -> None:
     assert new_spec(failed_leg=5, **options).optimizer == optimizer
 
 

@@ -43,9 +43,7 @@ def test_an_open_loop_search_counts_every_walk_until_one_is_confirmed() -> None:
     assert open_loop_lines([one])[-1] == "confirmed: 100%, after 5 walks (median)"
 
 
-def test_a_row_without_a_value_does_not_clear_its_bar_and_the_verdict_is_of_the_value_before_rounding() -> (
-    None
-):
+def test_a_verdict_needs_a_value_and_is_made_before_rounding() -> None:
     assert Row("x", None, "gaits", Bar(low=1)).as_json()["holds"] is False
     row = Row("x", 1.250004, "ratio", Bar(high=1.25))
     assert row.as_json()["value"] == 1.25

@@ -1,4 +1,4 @@
-"""Robots for `hexctl adapt`, named on its command line: they live in a time of their own."""
+"""Robots for `hexctl adapt`, named on its command line, with simulated time."""
 
 import math
 from dataclasses import replace
@@ -37,6 +37,21 @@ class Sagging(Kit):
         behind = np.full(N_JOINTS, SAG_RAD)
         behind[-1] = 0.0
         return replace(state, joint_positions_rad=state.joint_positions_rad - behind)
+
+
+class EStopStanding(Sagging):
+    """Is stopped by its own guard as soon as it stands up."""
+
+    def read(self) -> RobotState:
+        return replace(super().read(), stopped="estop" if self.sent else None)
+
+
+class FaultStanding(Sagging):
+    """Reports a fault as soon as it stands up."""
+
+    def read(self) -> RobotState:
+        self.healthy = not self.sent
+        return super().read()
 
 
 class FallsStanding(Sagging, Falls):

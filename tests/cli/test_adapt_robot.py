@@ -181,7 +181,12 @@ def test_a_twin_is_led_to_the_circle_that_a_camera_sees(call: Call) -> None:
 
 @pytest.mark.parametrize(
     ("kit", "code", "reason"),
-    [("FallsStanding", 4, "stopped: fell"), ("InterruptedConnecting", 130, "nothing was recorded")],
+    [
+        ("EStopStanding", 4, "stopped: estop"),
+        ("FaultStanding", 3, "stopped: fault"),
+        ("FallsStanding", 4, "stopped: fell"),
+        ("InterruptedConnecting", 130, "nothing was recorded"),
+    ],
 )
 def test_a_robot_that_does_not_come_to_stand_begins_no_session(
     kit: str, code: int, reason: str, adapt: Call

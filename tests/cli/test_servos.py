@@ -193,6 +193,7 @@ def test_it_says_where_it_is_and_ends_with_ctrl_c(tmp_path: Path) -> None:
     ("bus", "model", "robot"),
     [
         ("feetech", None, "phantomx"),
+        ("lx16a", None, "phantomx"),
         ("servo2040", "fork", "ant"),
         ("pca9685", None, "ant"),
     ],
@@ -239,3 +240,11 @@ def test_servos_of_two_families_on_one_line_are_both_found(
     assert exit_code(words) == 0
     (found,) = [each for each in json.loads(capsys.readouterr().out) if each["model"]]
     assert found["baud"] == {"dynamixel": 57_600, "feetech": 1_000_000}[driver]
+
+
+@pytest.mark.realtime
+def test_servos_of_another_driver_do_not_answer(call: Call) -> None:
+    with board("--bus", "dynamixel", "--model", "ax12a", "--backend", "mock", "--robot", "phantomx") as made:
+        words = ["--robot", "phantomx", "--duration", "1", "--no-record", "--json"]
+        assert "/dev/pts/" in call("run --backend dynamixel", "--connect", made.port, *words, code=3).err
+        assert made.end()["packets"] == 0

@@ -1,4 +1,4 @@
-"""Trials from their plan to their result, and in a batch the same as alone, to the last bit."""
+"""Trials from their plan to their result; single and batched trials are bit-equal."""
 
 import json
 import math
@@ -23,6 +23,7 @@ from hexctl import (
     TrialResult,
     World,
     load_robot,
+    make_gait,
     run_sim_trials,
     run_trial,
 )
@@ -347,3 +348,28 @@ def test_one_that_diverges_ends_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     first, second = run_sim_trials(trials)
     assert first.status == "diverged"
     assert second == alone
+
+
+@pytest.mark.slow
+def test_a_walk_put_down_in_six_headings_ends_within_a_centimetre_of_itself() -> None:
+    """But for a floor with a grain, which a pyramidal friction cone has."""
+    plan = TrialPlan(
+        gait=make_gait(shipped(), "77", failed_legs=(5,)),
+        belief=Failure(leg=5),
+        self_rotation="none",
+        duration_s=8.0,
+    )
+    for cone, evenly in (("elliptic", True), ("pyramidal", False)):
+        trials = [
+            SimTrial(
+                robot=shipped(),
+                plan=plan,
+                failure=Failure(leg=5),
+                world=World.model_validate({"friction_cone": cone}),
+                facing_rad=math.radians(60 * k + 10),
+            )
+            for k in range(6)
+        ]
+        ends_m = [result.deviation.signed for result in run_sim_trials(trials) if result.deviation]
+        assert len(ends_m) == 6
+        assert (np.ptp(ends_m) < 0.01) == evenly

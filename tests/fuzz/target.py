@@ -80,7 +80,7 @@ def target(*seeds: bytes, **about: Any) -> Callable[[Callable[[Any], object]], T
 
 @cache
 def own_folder() -> Path:
-    """A folder of this process, gone with it; in memory where the system has such a place."""
+    """A folder of this process, deleted at exit; in memory if the system allows it."""
     memory = Path("/dev/shm")  # noqa: S108  the folder in it has a name of its own
     place = memory if os.access(memory, os.W_OK) else None
     folder = Path(tempfile.mkdtemp(prefix="hexctl-fuzz-", dir=place))

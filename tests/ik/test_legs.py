@@ -266,7 +266,7 @@ def test_a_leg_that_is_gone_carries_nothing() -> None:
         pytest.param("pexod", "tripod", "real:3", None, 0.25, marks=pytest.mark.long),
     ],
 )
-def test_walks_are_told_by_the_joints_and_better_with_contacts(
+def test_leg_odometry_of_walks(
     robot: str, gait: str, world: str, failure: Failure | None, most: float
 ) -> None:
     walk = driven(robot, AHEAD, gait=gait, world=world, failure=failure)

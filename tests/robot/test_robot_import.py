@@ -625,3 +625,8 @@ def test_a_missing_file_and_options_of_no_robot_are_refused(tmp_path: Path) -> N
         imported(tmp_path, hexapod(), foot_m=(0.0, 0.0, -3.0))
     with pytest.raises(InputError, match="forward"):
         imported(tmp_path, hexapod(), forward="up")
+
+
+def test_a_robot_of_hundreds_of_links_is_imported(tmp_path: Path) -> None:
+    chain = "".join(fixed(f"m{number}", f"m{number - 1}" if number else "t1") for number in range(400))
+    imported(tmp_path, hexapod(more=chain))

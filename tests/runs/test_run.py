@@ -31,9 +31,7 @@ from tests.robots import shipped
 
 
 @pytest.mark.slow
-def test_names_and_objects_give_the_same_walk_each_with_its_recording_and_nothing_is_printed(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_names_and_objects_give_the_same_walk(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     robot, folder = load_robot("ant"), tmp_path / "made" / "here"
     short: dict[str, Any] = {"duration_s": 1.5, "record_folder": folder}
     by_name = run(gait="wave", pace_hz=0.8, world="slippery", **short)

@@ -163,7 +163,7 @@ def served(
     name: str = "robot",
     keys: Path | None = None,
 ) -> Iterator[Served]:
-    """Serve a robot in a process of its own until the block ends, over TLS where there are keys.
+    """Serve a robot in a separate process until the block ends, over TLS if keys are given.
 
     A stop is kept in the folder, for a later server of it.
     """

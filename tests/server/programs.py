@@ -1,4 +1,4 @@
-"""Programs in processes of their own that command, view or flood a served robot.
+"""Programs in separate processes that command, view or flood a served robot.
 
 `python -m tests.server.programs sway ENDPOINT [again=1] [keys=FOLDER]` sways all joints until it is stopped.
 With `again=1` it takes a new lease whenever one is lost, over one session; `keys` has its certificates.

@@ -32,7 +32,7 @@ def items(inbox: Inbox) -> list[object]:
 
 
 @pytest.mark.parametrize("kind", MOST_WAITING)
-def test_of_a_flood_the_newest_stay_or_the_oldest_queries_and_it_displaces_no_other(kind: str) -> None:
+def test_a_flood_keeps_the_newest_messages_and_displaces_no_other_kind(kind: str) -> None:
     inbox, most = Inbox(), MOST_WAITING[kind]
     others = [other for other in MOST_WAITING if other not in (kind, "state")]
     for other in others:

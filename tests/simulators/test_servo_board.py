@@ -171,7 +171,7 @@ def test_letting_go_on_command_and_driving_again(client: BoardClient) -> None:
     assert client.board.end()["released"] == 1
 
 
-def test_what_is_for_others_moves_nothing_and_target_0_is_a_broadcast(client: BoardClient) -> None:
+def test_messages_for_other_systems_are_ignored_and_target_0_is_a_broadcast(client: BoardClient) -> None:
     for to in ((2, 1), (1, 2)):
         client.drive(client.stance + 100, to=to)
         assert client.shows(client.stance)

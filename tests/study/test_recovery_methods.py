@@ -142,7 +142,7 @@ def episodes() -> list[Episode]:
 
 
 @pytest.mark.slow
-def test_it_stands_says_what_failed_and_goes_on_along_the_line(episodes: Sequence[Episode]) -> None:
+def test_the_standing_test_names_the_failure_and_the_walk_goes_on(episodes: Sequence[Episode]) -> None:
     intact, *failed = episodes
     assert intact.alarms == ()
     for one in failed:

@@ -45,7 +45,7 @@ pytestmark = pytest.mark.realtime
 #: What clients have to know, where they have to.
 TOKEN = new_token()
 
-HERE = PageAddress("127.0.0.1", 0)
+LOOPBACK = PageAddress("127.0.0.1", 0)
 
 
 def page_client(
@@ -72,7 +72,7 @@ class Served:
         self.arbiter = Arbiter(lambda: self.now_s)
         self.asked: list[str] = []
         self.page = DrivePage(
-            HERE,
+            LOOPBACK,
             self.arbiter.source("page"),
             Velocity,
             self.asked.append,
@@ -255,7 +255,7 @@ def test_a_viewer_that_takes_nothing_holds_nobody_up(pictures: PictureRelay) -> 
         robot.does("stop")
 
 
-def test_a_page_of_elsewhere_and_a_wrong_token_are_refused(pictures: PictureRelay) -> None:
+def test_foreign_origins_and_wrong_tokens_are_refused(pictures: PictureRelay) -> None:
     elsewhere = ("http://evil.example", "null", "http://127.0.0.1:1", "https://127.0.0.1")
     wrong = [{}, {"token": "x" * 12}, *({"token": TOKEN, "origin": origin} for origin in elsewhere)]
     with served(pictures=pictures, token=TOKEN) as robot:
@@ -348,7 +348,7 @@ class Driven:
     def __init__(self, drive: Drive) -> None:
         self.drive = drive
         self.session = DriveSession(drive)
-        self.page = DrivePage(HERE, drive.arbiter.source("page"), drive.share, self.session.ask)
+        self.page = DrivePage(LOOPBACK, drive.arbiter.source("page"), drive.share, self.session.ask)
 
     def client(self) -> ClientConnection:
         """A client that has connected, as soon as its address may after a flood."""

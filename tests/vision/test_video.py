@@ -70,7 +70,7 @@ def test_a_page_is_there_for_this_computer() -> None:
             MjpegServer(port_of(server))
 
 
-def test_more_clients_than_allowed_are_refused_and_its_end_ends_all_streams(
+def test_clients_beyond_the_limit_are_refused_and_the_end_ends_all_streams(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(mjpeg, "MOST_CLIENTS", 1)

@@ -11,7 +11,7 @@ from tests.backends.mavlink.boards import PATIENCE_S, MemoryPort
 
 
 class Client:
-    """Speaks with a board in memory, as a system of its own.
+    """Speaks with a board in memory, as a separate system.
 
     Attributes:
         heard: all frames so far, newest last.

@@ -169,3 +169,13 @@ def test_a_paced_clock_that_is_late_counts_but_never_skips() -> None:
     assert (tick.index, len(steps)) == (2, 2)
     assert tick.time_s == pytest.approx(2 * PERIOD_S)
     assert clock.overruns == 4
+
+
+@pytest.mark.slow
+def test_sensor_noise_does_not_touch_the_robot() -> None:
+    true = []
+    for world in (World(), NOISY):
+        with SimServos(shipped(), world=world) as servos:
+            move(servos, servos.robot.stance_angles_rad + 0.1, ticks=30)
+            true.append(servos.compiled.physics.data.qpos.copy())
+    np.testing.assert_array_equal(true[0], true[1])

@@ -378,3 +378,13 @@ def test_a_world_knows_whether_its_simulation_depends_on_the_seed() -> None:
         alike = alike and make_floor(world, 1) == make_floor(world, 2)  # the robot starts on an even place
         assert world.seeded is not alike, name
     assert not World(joint_offset_deg=(2.0,) * 18).seeded
+
+
+@pytest.mark.parametrize("share", [-0.05, 0.5])
+def test_added_mass_is_a_share_of_the_whole_robot_in_its_trunk(share: float) -> None:
+    robot = shipped()
+    plain, loaded = (_model(world) for world in (World(), World(added_mass_share=share)))
+    assert plain.body_mass.sum() == pytest.approx(robot.mass_kg)
+    assert loaded.body_mass.sum() == pytest.approx((1 + share) * robot.mass_kg)
+    others = np.flatnonzero(loaded.body_mass != plain.body_mass)
+    assert [loaded.id2name(body, "body") for body in others] == [f"{robot.name}/trunk"]

@@ -12,7 +12,7 @@ ENDS_DEG = (-38.0, 47.0)
 
 
 class Person:
-    """A person in front of a screen, with everything on it, and a script of answers by part of a question."""
+    """A scripted operator, by parts of questions, with all text shown."""
 
     def __init__(self, script: dict[str, list[str]]) -> None:
         self.screen: list[str] = []

@@ -233,3 +233,10 @@ def test_without_contacts_or_measured_angles_it_is_unknown() -> None:
 def test_contacts_that_never_change_are_not_believed() -> None:
     for contacts in (np.zeros(6, dtype=bool), STANDING):
         assert reckoned(DeadReckoning(POINT_FEET, (), 0.02), contacts, lifted=BLOCK_TICKS + 3) == 0.0
+
+
+def test_a_sensor_that_has_frozen_is_not_believed_for_ever_whatever_else_moves() -> None:
+    sensor = FrozenSensor()
+    for step in range(500):
+        frozen = sensor.update(DT_S, np.array([0.01 * step / 500, 0.1]), np.array([0.004, 0.004]))
+    assert frozen.tolist() == [False, True]

@@ -49,7 +49,7 @@ FIRST = np.arange(N_JOINTS) == 0
 
 PWM = pwm_map_of(ServosSection(), "servo2040")
 
-#: Time on the wire by which every wait is over at once.
+#: Time on the wire by which every wait ends immediately.
 OVER_S = -10.0
 
 
@@ -81,7 +81,7 @@ class FuzzedLine:
     def _good(
         self, packets: PacketFormat, servo_id: int, asked: int, about: bytes, came: bytes, *, error: int
     ) -> bytes:
-        """Answer of the length that was asked for, where that is known."""
+        """Answer of the length that was asked for, if known."""
         if packets is LX16A:
             size, error = ANSWER_BYTES.get(asked, len(came)), asked
         else:
@@ -359,7 +359,7 @@ class OneRead:
         return self._parts.pop(0) if self._parts else b""
 
     def send(self, data: bytes) -> None:
-        """Nobody listens."""
+        """Discard it."""
 
 
 @cache
