@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hexctl.adapt import runner as runner_module
 from hexctl.adapt.arena import Arena
 from hexctl.adapt.measurement import Answer, measured
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
@@ -25,10 +26,13 @@ from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.world import World
 from hexctl.control.controllers import sitting_angles_rad
 from hexctl.control.guard import Guard
+from hexctl.control.log import TickLog
+from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import CommandRefusedError, RobotFaultError
 from hexctl.robot.loader import load_robot_file
+from hexctl.robot.rotations import wrapped_rad
 from hexctl.types import FloatArray, JointTargets, RobotState
 from tests.adapt.priors import plan_of
 from tests.adapt.staying import StayingSim
@@ -167,9 +171,33 @@ def runner_of(servos: Guard, plan: TrialPlan = PLAN, **more: Any) -> ResetFreeRu
     return ResetFreeRunner(runner=runner, servos=servos, **more)
 
 
+def check_walk(log: TickLog, result: TrialResult) -> None:
+    """Compare a result with the robot's positions; a line from far off leads through home."""
+    assert log.frame is not None
+    positions = log["base_position_world"][log.rows_of("walk")][:, :2]
+    origin, heading_rad = log.frame.origin_world[:2], log.frame.heading_rad
+    if np.hypot(*origin) > 0.3:
+        assert abs(wrapped_rad(heading_rad - math.atan2(-origin[1], -origin[0]))) < math.radians(6)
+    # The failed leg, at 240 degrees in the body's frame, trails.
+    trailing_rad = log.frame.yaw_rad + math.radians(240)
+    assert abs(wrapped_rad(trailing_rad + math.pi - heading_rad)) < math.radians(4)
+    along = np.array([math.cos(heading_rad), math.sin(heading_rad)])
+    moved = positions[-1] - origin
+    assert result.distance_m == pytest.approx(float(moved @ along))
+    assert result.deviation is not None
+    assert result.deviation.signed == pytest.approx(float(along[0] * moved[1] - along[1] * moved[0]))
+
+
 @pytest.mark.slow
-def test_a_walk_that_leaves_is_cut_short_and_the_next_one_aims_back() -> None:
+def test_a_walk_that_leaves_is_cut_short_and_the_next_one_aims_back(monkeypatch: pytest.MonkeyPatch) -> None:
     """The arena is much smaller than the walk."""
+    logs: list[TickLog] = []
+
+    def logged(servos: Guard, plan: TrialPlan, *controller: Any, **more: Any) -> TrialResult:
+        logs.append(TickLog())
+        return run_trial(servos, plan, *controller, **more | {"recorders": (logs[-1],)})
+
+    monkeypatch.setattr(runner_module, "run_trial", logged)
     arena = Arena(home_m=(0.0, 0.0), radius_m=0.6)
     with Guard(StayingSim(ROBOT)) as robot:
         runner = runner_of(robot, arena=arena)
@@ -181,6 +209,8 @@ def test_a_walk_that_leaves_is_cut_short_and_the_next_one_aims_back() -> None:
         edge_m = arena.distance_m(position)
         assert edge_m > 0.4
         second = runner.walk(request_of(2, 17)).result
+        check_walk(logs[0], first)
+        check_walk(logs[1], second)
         assert second.distance_m is not None
         assert second.distance_m > edge_m, "it came through the middle"
     assert StayingSim.farthest_m < arena.radius_m + 0.15, "it needs some way to stop"

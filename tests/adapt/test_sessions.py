@@ -89,10 +89,12 @@ def session(*results: float | TrialResult, name: str = "a", **spec: Any) -> Sess
     return Session(name=name, spec=replace(SPEC, **spec), created="2026-01-01", trials=trials)
 
 
-@pytest.mark.parametrize("other", [session(0.1), session(0.1, name="b", objective="mean"), session(name="b")])
-def test_what_cannot_be_compared_is_refused(other: Session) -> None:
+@pytest.mark.parametrize(
+    "others", [[], [session(0.1)], [session(0.1, name="b", objective="mean")], [session(name="b")]]
+)
+def test_what_cannot_be_compared_is_refused(others: list[Session]) -> None:
     with pytest.raises(InputError, match="session: "):
-        check_comparable([session(0.1), other])
+        check_comparable([session(0.1), *others])
 
 
 def test_the_command_prints_a_column_each(

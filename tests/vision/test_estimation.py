@@ -11,11 +11,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from hexctl.backends.sim.servos import SimServos
 from hexctl.control.body_wiggle import wiggle_targets_rad, wiggle_yaw_rad
 from hexctl.errors import InputError
 from hexctl.ik.leg_odometry import leg_motions
-from hexctl.robot.rotations import wrapped_rad
-from hexctl.types import FloatArray
+from hexctl.robot.rotations import wrapped_rad, yaw_rad
+from hexctl.types import FloatArray, JointTargets
 from hexctl.vision import latency_trial
 from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.estimation.latency import measure_latency
@@ -374,13 +375,22 @@ def test_a_tag_that_moves_otherwise_and_too_few_sightings_are_refused() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("robot", "world", "fps"), [("ant", "flat", 30.0), ("pexod", "real:3", 15.0)])
-def test_a_turn_to_and_fro_tells_the_latency_within_15_ms(robot: str, world: str, fps: float) -> None:
-    turns = ((1, 0, 0, 0), (1.5, 0, 0, 0.7), (1.5, 0, 0, -0.7), (1, 0, 0, 0))
-    walk = driven(robot, turns, world=world)
-    own = course(leg_motions(shipped(robot), walk.times_s, walk.joints_rad).motions)
+def test_a_twist_reveals_the_latency_within_15_ms(robot: str, world: str, fps: float) -> None:
+    """Joints are stamped when they were measured, poses when they are true."""
+    model, rows = shipped(robot), []
+    with SimServos(model, world=world) as servos:
+        for targets_rad in wiggle_targets_rad(model, TIMES_S - 1.0):
+            servos.clock.tick()
+            state = servos.read()
+            servos.write(JointTargets(targets_rad, servos.clock.now_s))
+            assert servos.true_pose is not None
+            position, quaternion = servos.true_pose
+            pose = [*position[:2].tolist(), float(yaw_rad(quaternion))]
+            rows.append((state.stamp_s, servos.clock.now_s, state.joint_positions_rad.copy(), pose))
+    measured_s, times_s, joints_rad, true = (np.array(column) for column in zip(*rows, strict=True))
+    own = course(leg_motions(model, measured_s, joints_rad).motions)
     found = [
-        measure_latency(walk.times_s, own, *pictures(walk.times_s, walk.poses, fps=fps, seed=seed))
-        for seed in range(5)
+        measure_latency(measured_s, own, *pictures(times_s, true, fps=fps, seed=seed)) for seed in range(5)
     ]
     assert max(abs(one.latency_s - 0.08) for one in found) < 0.015
     assert max(one.sigma_s for one in found) < 0.01

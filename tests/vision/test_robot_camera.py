@@ -343,6 +343,9 @@ def test_a_knocked_camera_makes_no_jump_and_is_told() -> None:
     true_shift_m = np.linalg.norm(KNOCKED.position_floor - HERE.position_floor)
     assert told.tag_id is None
     assert told.shift_m == pytest.approx(true_shift_m, abs=0.01)
+    found, middle_px = observer.watch.camera, np.array([[640.0, 360.0]])
+    assert np.linalg.norm(found.position_floor - KNOCKED.position_floor) < 0.01
+    assert np.allclose(found.floor_points(middle_px), KNOCKED.floor_points(middle_px), atol=0.005)
     assert max(offs_m) < 0.02
     assert offs_m[-1] < 0.005
     assert (estimate.sight, estimate.restarts) == ("seeing", 0)
