@@ -43,6 +43,9 @@ class HobbyServosConformance(PoweringConformance):
         """Pulses of the joints, (18,); 0 for a limp one."""
         raise NotImplementedError
 
+    #: How exactly pulses are those of a pose, and a pose is read back.
+    tolerance_us, tolerance_rad = 2.5, 5e-3
+
     def holding(self) -> BoolArray:
         return self.pulses_us() > 0
 
@@ -56,17 +59,21 @@ class HobbyServosConformance(PoweringConformance):
                 assert powered.tolist() == list(range(len(powered))), "in the order of the legs"
                 if len(powered) < 18:
                     off_us = self.pulses_us()[powered] - at_first_us[powered]
-                    np.testing.assert_allclose(off_us, 0, atol=2.5 + 0.01 * 2 * 637)
+                    np.testing.assert_allclose(off_us, 0, atol=self.tolerance_us + 0.01 * 2 * 637)
                 if seen[-1] != len(powered):
                     seen.append(len(powered))
             assert seen == [0, 3, 6, 9, 12, 15, 18]
-            np.testing.assert_allclose(self.pulses_us(), servos.servo_map.raw(stance_rad + 0.2), atol=2.5)
+            np.testing.assert_allclose(
+                self.pulses_us(), servos.servo_map.raw(stance_rad + 0.2), atol=self.tolerance_us
+            )
 
     def test_a_single_pose_is_reached_and_is_where_the_next_program_begins(self) -> None:
         with self.make() as servos:
             command(servos, 0.1)
             servos.clock.time.sleep(5.0)
             wanted_rad = servos.robot.stance_angles_rad + 0.1
-            np.testing.assert_allclose(self.pulses_us(), servos.servo_map.raw(wanted_rad), atol=2.5)
+            np.testing.assert_allclose(
+                self.pulses_us(), servos.servo_map.raw(wanted_rad), atol=self.tolerance_us
+            )
         with self.make() as servos:
-            np.testing.assert_allclose(servos.read().joint_positions_rad, wanted_rad, atol=5e-3)
+            np.testing.assert_allclose(servos.read().joint_positions_rad, wanted_rad, atol=self.tolerance_rad)

@@ -265,6 +265,9 @@ def test_foreign_origins_and_wrong_tokens_are_refused(pictures: PictureRelay) ->
         with robot.client(path="/view", token=TOKEN), robot.client(token=TOKEN) as client:
             robot.drives(client)
             assert client.subprotocol == PROTOCOL
+    with served(pictures=pictures) as robot:  # on this computer, without a token
+        for path, origin in itertools.product(("/drive", "/view"), elsewhere):
+            assert refused(robot, path=path, origin=origin) == 403
 
 
 def test_those_who_look_do_not_keep_out_who_drives(pictures: PictureRelay) -> None:

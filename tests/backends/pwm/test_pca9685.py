@@ -5,6 +5,7 @@ import random
 import socket
 import sys
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,8 @@ from hexctl.backends.pwm.pca9685 import I2cBus, Pca9685, Pca9685Servos, open_i2c
 from hexctl.errors import MissingExtraError, RobotFaultError
 from hexctl.robot.servos.pwm_map import PwmMap
 from hexctl.simulators.pca9685_board import SimulatedI2c, SimulatedPca9685
-from hexctl.types import N_JOINTS, FloatArray
+from hexctl.types import N_JOINTS, FloatArray, JointTargets
+from hexctl.waiting import wait_for
 from hexctl.wire.zenoh_messages import MAX_TEXT_BYTES
 from tests.backends.fake_time import FakeTime
 from tests.backends.powering import HobbyServosConformance
@@ -353,3 +355,31 @@ def test_an_answer_that_does_not_come_ends_the_connection(
     over.set()
     thread.join()
     listener.close()
+
+
+class LoggedBus(ChipBus):
+    """Chips with a log of what is written, without the registers of questions."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.written: list[tuple[int, int, int]] = []
+
+    def _transfer(self, messages: Sequence[I2cMessage]) -> bytes:
+        self.written += [(one.address, one.data[0], len(one.data)) for one in messages if len(one.data) > 1]
+        return super()._transfer(messages)
+
+
+def test_a_pose_is_one_message_for_each_board() -> None:
+    bus = LoggedBus()
+    with _servos(bus) as servos:
+        _power(servos, bus)
+        servos.clock.tick()
+        servos.clock.time.sleep(0.1)
+        bus.written.clear()
+        before = servos.counters.writes
+        servos.write(JointTargets(servos.robot.stance_angles_rad + 0.01, servos.clock.now_s))
+        wait_for(lambda: servos.counters.writes > before, 5.0, "the write never came", time=servos.clock.time)
+        servos.clock.time.sleep(0.1)
+        written = bus.written.copy()
+    assert written[:2] == [(0x40, 6, 65), (0x41, 6, 9)]
+    assert written == written[:2] * (len(written) // 2)

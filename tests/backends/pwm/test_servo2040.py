@@ -65,6 +65,8 @@ def test_values_of_14_bits_come_back(values: list[int], start: int, noise: bytes
 
 
 class TestServo2040(HobbyServosConformance):
+    tolerance_us, tolerance_rad = 0.6, 2e-3
+
     @pytest.fixture(autouse=True, params=["stock", "fork"])
     def board(self, request: pytest.FixtureRequest) -> Iterator[None]:
         with memory_servo2040(firmware=request.param) as self.running:
