@@ -23,6 +23,7 @@ from tests.adapt.priors import (
     MadeUpModel,
     made_up_bayes,
     made_up_score_prior,
+    standing_samples,
     tell,
     whole_path_of,
 )
@@ -101,7 +102,9 @@ def test_before_the_first_trial_nothing_is_finished_however_sure_the_prior() -> 
     still += np.random.default_rng(0).normal(0, 1e-4, still.shape)
     still[..., -3:-1] = [1.6, 3.2]
     optimizer = made_up_bayes(Samples(leg=5, features=still, finished=np.ones(GAITS)))
-    assert optimizer.predict(1).chance > SURE
+    expected = optimizer.predict(1)
+    assert expected.trial_sd_m == pytest.approx(math.hypot(expected.sd_m, 0.001))
+    assert expected.chance > SURE
     assert not optimizer.finished
     tell(optimizer, optimizer.ask()[0], still[0, 0])
     assert optimizer.finished
@@ -136,7 +139,7 @@ def test_what_the_trials_left_gain_together_decides() -> None:
     assert walked(1) < walked(10) <= walked(40) <= 30
 
 
-@pytest.mark.parametrize("status", ["fell", "cut_short"])
+@pytest.mark.parametrize("status", ["fell", "diverged", "no_progress", "cut_short"])
 def test_a_gait_that_failed_is_not_asked_for_again(status: str) -> None:
     world = worlds(1)[0]
     optimizer = made_up_bayes(SAMPLES)
@@ -209,7 +212,7 @@ def test_a_walk_is_not_stopped_in_its_first_third_nor_when_the_robot_is_lost() -
 
 #: What a trial `[code, score, status, numbers]` cannot be, by its place; or the whole of it.
 DAMAGE: list[tuple[int | slice, object]] = [
-    *((0, code) for code in (0, 121, "five")),
+    *((0, code) for code in (0, 121, -1, "five")),
     *((3, numbers) for numbers in (None, [1.0], ["far"] * N_FEATURES)),
     (slice(None), []),
 ]
@@ -217,7 +220,8 @@ DAMAGE: list[tuple[int | slice, object]] = [
 
 @pytest.mark.parametrize(("place", "value"), DAMAGE, ids=str)
 def test_a_damaged_state_is_refused_and_nothing_is_taken_over(place: int | slice, value: object) -> None:
-    optimizer = made_up_bayes(SAMPLES, target_m=1e-6)
+    standing = standing_samples(MODEL, 24)
+    optimizer = made_up_bayes(standing, target_m=1e-6, sag_rad=MODEL.sags(1, 500)[0])
     adapt(optimizer, worlds(1)[0], budget=2)
     before = travelled(optimizer.state())
     damaged = travelled(optimizer.state())

@@ -162,7 +162,9 @@ def test_a_result_says_that_the_position_is_missing() -> None:
         backend=f"{__name__}:YawMock",
         duration_s=0.5,
     )
-    result = run(spec).trial
+    with Run(spec) as connected:
+        assert connected.plan.self_rotation == "rear"
+        result = connected.walk().trial
     assert result.hold == "heading"
     assert result.hold_caveat is not None
     assert "position" in result.hold_caveat

@@ -76,7 +76,8 @@ def _landscape(spec: LandscapeSpec, seed: int) -> Landscape:
 
 @pytest.mark.parametrize("leg", [1, 5])
 @pytest.mark.parametrize("options", [
-    {}, {"failure": "limp"}, {"failure": "weak"}, {"self_rotation": "none"}, {"duration_s": 12.0},
+    {}, {"failure": "limp"}, {"failure": "weak"}, {"failure": "stuck"}, {"failure": "missing"},
+    {"self_rotation": "front"}, {"self_rotation": "none"}, {"duration_s": 12.0},
 ], ids=str)  # fmt: skip
 def test_it_answers_what_a_session_with_these_trials_asks(options: dict[str, Any], leg: int) -> None:
     asked = prior_plan(**options)

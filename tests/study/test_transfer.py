@@ -248,6 +248,7 @@ PEXODS_LEG = made_up_prior(question("pexod"), legs=(1,), worlds=1)
         ({"duration_s": 12.0}, "duration"),
         ({"robot": shipped("pexod")}, "robot"),
         ({"prior": made_up_prior(question(self_rotation="front"), worlds=1)}, "self-rotation"),
+        ({"prior": made_up_prior(question("phantomx"), worlds=1)}, "robot"),
         ({"prior": replace(made_up_prior(question(), worlds=1), origin=SAME_WORLDS)}, "prior"),
         ({"robot": shipped("pexod"), "prior": PEXODS_LEG, "legs": (1, 2)}, "legs"),
     ],
