@@ -136,7 +136,7 @@ def test_a_gait_without_a_search_has_its_colour_by_name() -> None:
     assert palette.baseline_color("1,2,3,4,5,6") == palette.OTHER_BASELINE_COLOR
 
 
-def test_straight_is_green_and_light_and_far_off_is_red_and_dark() -> None:
+def test_colours_of_deviations() -> None:
     luminances = [luminance(deviation_color(off_m, valid=True)) for off_m in palette.LEGEND_M]
     assert luminances == sorted(luminances, reverse=True)
     red, green, blue = deviation_color(0.0, valid=True)

@@ -30,10 +30,7 @@ from tests.adapt.walking import Landscape
 from tests.cli.adaptkits import Blind
 from tests.robots import shipped
 
-
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("in_an_empty_folder")
 
 
 @pytest.fixture

@@ -238,14 +238,14 @@ def test_everything_that_the_search_says_passes_through(paper_count: bool) -> No
 
 @pytest.mark.parametrize("options", [{"paper_count": True}, {"patience": 7}, None], ids=str)
 def test_states_of_other_rules_and_of_bare_searches_are_refused(options: dict[str, Any] | None) -> None:
-    optimizer, alone = fresh("pso")(ONE_FAILED, 1), make_optimizer("pso", ONE_FAILED, 0)
-    other = alone if options is None else fresh("pso", **options)(ONE_FAILED, 1)
+    optimizer, bare = fresh("pso")(ONE_FAILED, 1), make_optimizer("pso", ONE_FAILED, 0)
+    other = bare if options is None else fresh("pso", **options)(ONE_FAILED, 1)
     before = optimizer.state()
     with pytest.raises(InputError):
         optimizer.restore(other.state())
     assert optimizer.state() == before
     with pytest.raises(InputError):
-        alone.restore(before)
+        bare.restore(before)
 
 
 Function = Callable[[FloatArray], FloatArray]

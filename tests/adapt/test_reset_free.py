@@ -3,7 +3,6 @@
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -155,9 +154,11 @@ SHORT_PLAN = replace(PLAN, duration_s=0.5, self_rotation="none")
 ARENA = Arena(home_m=(0.0, 0.0), radius_m=1.0)
 
 
+pytestmark = pytest.mark.usefixtures("in_an_empty_folder")
+
+
 @pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def _no_distance_yet(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(StayingSim, "farthest_m", 0.0)
 
 

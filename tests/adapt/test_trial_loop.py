@@ -180,9 +180,9 @@ def test_repeats_are_of_the_gait_that_it_settles_on_and_are_learned_from(store: 
     assert session.settled_on is not None
     assert {trial.code for trial in session.trials[-2:]} == {session.settled_on["code"]}
     unrepeated = replace(spec, budget=28, confirm=0)
-    alone, _ = run(store, unrepeated, MadeUpWorld(KIND), believing(noise_m=REAL_NOISE_M))
-    assert alone.settled_on is not None
-    assert session.settled_on["chance"] > alone.settled_on["chance"]
+    bare, _ = run(store, unrepeated, MadeUpWorld(KIND), believing(noise_m=REAL_NOISE_M))
+    assert bare.settled_on is not None
+    assert session.settled_on["chance"] > bare.settled_on["chance"]
 
 
 def test_a_recording_that_is_not_whole_costs_no_trial_and_is_reported(store: SessionStore) -> None:

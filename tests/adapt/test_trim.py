@@ -40,9 +40,7 @@ CYCLE_S = 1 / 0.9
 STEADY_S = 30.0 - RAMP_DURATION_S / 2
 
 
-@pytest.fixture(autouse=True)
-def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("in_an_empty_folder")
 
 
 class Robot:

@@ -8,7 +8,6 @@ import numpy as np
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, RobotState
 from tests.cli.kits import Falls, Interrupting, Kit, PortBreaks, Sick
-from tests.cli.kits import NoPort as NoPort
 
 #: How far the joints of some robots stay behind.
 SAG_RAD = math.radians(1.0)
@@ -62,7 +61,7 @@ class InterruptedConnecting(Sagging, Interrupting):
     """Ctrl-C is pressed while it connects."""
 
 
-class Once(Kit):
+class TroubleInSecondTrial(Kit):
     """Is in trouble in the walk of its second trial, but not after the next connection.
 
     Each trial settles for 1 s, walks for 1 s and stops for 2 s.
@@ -74,20 +73,20 @@ class Once(Kit):
         return Kit.made[0] is self and super().in_trouble()
 
 
-class FallsOnce(Once, Falls):
-    """Falls."""
+class FallsOnce(TroubleInSecondTrial, Falls):
+    """Falls in its second trial."""
 
 
-class EStopped(Once):
-    """Is stopped by its own guard, as `hexctl estop` does."""
+class EStopped(TroubleInSecondTrial):
+    """Is stopped by its own guard in its second trial, as by `hexctl estop`."""
 
     def read(self) -> RobotState:
         return replace(super().read(), stopped="estop" if self.in_trouble() else None)
 
 
-class Faulty(Once, Sick):
-    """Reports a fault of its own."""
+class Faulty(TroubleInSecondTrial, Sick):
+    """Reports a fault in its second trial."""
 
 
-class Unplugged(Once, PortBreaks):
-    """Its link breaks."""
+class Unplugged(TroubleInSecondTrial, PortBreaks):
+    """Its link breaks in its second trial."""

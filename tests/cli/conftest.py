@@ -11,7 +11,7 @@ from hexctl.cli.main import exit_code
 from tests.cli.kits import Kit
 
 
-class Printed(NamedTuple):
+class Output(NamedTuple):
     """Output of a command."""
 
     out: str
@@ -37,17 +37,17 @@ class Printed(NamedTuple):
 
 
 #: Calls hexctl with a command line, and with more words as they are; it must end with a code.
-Call = Callable[..., Printed]
+Call = Callable[..., Output]
 
 
 @pytest.fixture
 def call(capsys: pytest.CaptureFixture[str]) -> Call:
     """Call a command; what it prints is returned."""
 
-    def called(line: str, *words: str, code: int = 0) -> Printed:
+    def called(line: str, *words: str, code: int = 0) -> Output:
         capsys.readouterr()
         ended = exit_code([*line.split(), *words])
-        printed = Printed(*capsys.readouterr())
+        printed = Output(*capsys.readouterr())
         assert ended == code, printed.err
         return printed
 

@@ -52,7 +52,7 @@ class Falls(Kit):
 
 
 class Lost(Kit):
-    """Knows no pose any more."""
+    """Loses its pose."""
 
     def read(self) -> RobotState:
         if self.in_trouble():

@@ -18,7 +18,7 @@ from hexctl.vision.detection.camera import Camera
 from hexctl.vision.place import CameraPose
 from tests.adapt.priors import MadeUpModel, key_of, made_up_prior
 from tests.adapt.staying import PLACE
-from tests.cli.conftest import Call, Printed
+from tests.cli.conftest import Call, Output
 from tests.cli.kits import Kit
 from tests.cli.terminals import type_in
 from tests.server.processes import ROOT
@@ -40,9 +40,9 @@ UNRECORDED = "adapt --failed-leg 5 --no-record --no-baseline --backend"
 def adapt(call: Call) -> Call:
     """Search with a kit, with options that differ from the usual ones."""
 
-    def adapted(kit: str, *more: str, code: int = 0) -> Printed:
+    def adapted(kit: str, *more: str, code: int = 0) -> Output:
         usual = [word for pair in USUAL.items() if pair[0] not in more for word in pair]
-        return call(UNRECORDED, f"{KITS}:{kit}", *usual, *more, code=code)
+        return call(UNRECORDED, kit if ":" in kit else f"{KITS}:{kit}", *usual, *more, code=code)
 
     return adapted
 
@@ -57,7 +57,9 @@ def test_a_closed_stdin_is_refused(adapt: Call, monkeypatch: pytest.MonkeyPatch)
         assert "--ask" in adapt("Blind", "--ask", code=2).err
 
 
-@pytest.mark.parametrize(("kit", "words"), [("Blind", "knows no position"), ("NoPort", "/dev/ttyUSB7")])
+@pytest.mark.parametrize(
+    ("kit", "words"), [("Blind", "knows no position"), ("tests.cli.kits:NoPort", "/dev/ttyUSB7")]
+)
 def test_a_robot_that_cannot_be_used_leaves_no_session(kit: str, words: str, adapt: Call) -> None:
     printed = adapt(kit, code=3)
     assert words in printed.err.splitlines()[-1]

@@ -22,11 +22,8 @@ from tests.server.processes import TIMEOUT_S, Program, controlling, hexctl, prog
 
 
 @pytest.fixture(autouse=True)
-def _in_an_empty_folder(
-    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Work in an empty folder, with a viewer that notes what it is to open."""
-    monkeypatch.chdir(tmp_path)
+def _noting_viewer(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Replace the viewer by one that notes what it is to open."""
     program = tmp_path_factory.mktemp("bin") / "viewer"
     program.write_text('#!/bin/sh\nprintf "%s\\n" "$@" > opened\n')
     program.chmod(0o755)

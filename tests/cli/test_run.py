@@ -14,7 +14,7 @@ from hexctl.cli.render.run_output import summary
 from hexctl.recording import recording
 from hexctl.recording.recorded_trial import read_trial
 from hexctl.recording.rrd import ROOM_BYTES
-from tests.cli.conftest import Call, Printed
+from tests.cli.conftest import Call, Output
 from tests.cli.kits import Kit
 from tests.cli.terminals import FULL_DISK, OnTerminal, run_program, wait_until_it_grows
 from tests.vision.test_place import saved
@@ -29,7 +29,7 @@ KITS = "tests.cli.kits"
 def walk(call: Call) -> Call:
     """Walk a kit."""
 
-    def walked(kit: str, *more: str, duration_s: int = 3, code: int = 0) -> Printed:
+    def walked(kit: str, *more: str, duration_s: int = 3, code: int = 0) -> Output:
         words = ("--backend", f"{KITS}:{kit}", "--duration", str(duration_s), *more)
         return call("run", *words, code=code)
 
@@ -203,7 +203,7 @@ def test_a_full_disk_is_said_before_the_walk_or_costs_neither_it_nor_its_result(
     limit = str(ROOM_BYTES - (not room))
     done = run_program(FULL_DISK, limit, "run", "--duration", "20", "--json", RUST_LOG="off")
     assert done.returncode == 3, done.stderr
-    printed = Printed(done.stdout, done.stderr)
+    printed = Output(done.stdout, done.stderr)
     assert printed.line
     if room:
         assert printed.json["status"] == "ok"
@@ -227,7 +227,7 @@ def test_servos_in_the_current_folder_are_found_by_the_program_that_is_installed
     words = ["run", "--backend", "own_kit:KitServos", "--no-record", "--duration", "0.2", "--json"]
     done = subprocess.run([program, *words], capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
-    outcome = Printed(done.stdout, done.stderr).json
+    outcome = Output(done.stdout, done.stderr).json
     assert (outcome["backend"], outcome["status"]) == ("own_kit:KitServos", "ok")
     assert (outcome["distance_m"], outcome["deviation_m"]["final"]) == (None, None), "it knows no position"
 

@@ -191,7 +191,7 @@ def joints_of(*feet_body: FloatArray) -> FloatArray:
 
 
 def moved(*feet_body: FloatArray, **known: Any) -> LegMotions:
-    """What the joints tell of feet before and after a tenth of a second."""
+    """Motion from the feet before and after 0.1 s."""
     return leg_motions(POINT_FEET, np.array([0.0, 0.1]), joints_of(*feet_body), **known)
 
 
@@ -421,9 +421,6 @@ def test_nothing_is_judged_by_a_short_sight() -> None:
     assert watched("pexod", walk, seen_from_s=seen_from_s)[-1] == ()
 
 
-FILES = Path(__file__).parents[2] / "configs" / "robots"
-
-
 def placed(mount: dict[str, Any]) -> tuple[list[float], float]:
     """Position of a mount and its yaw in degrees, from either of its two forms."""
     if "azimuth_deg" in mount:
@@ -457,7 +454,8 @@ class Chain:
     def __init__(self, name: str) -> None:
         import mujoco
 
-        content = yaml.safe_load((FILES / f"{name}.yaml").read_text(encoding="utf-8"))
+        file = Path(__file__).parents[2] / "configs" / "robots" / f"{name}.yaml"
+        content = yaml.safe_load(file.read_text(encoding="utf-8"))
         legs = [
             leg_mjcf(number, mount, content["links"]) for number, mount in enumerate(content["mounts"], 1)
         ]

@@ -66,6 +66,8 @@ COMING = (
     *("5:locked", "5:limp", "5:limp:femur", "1:missing", "5:weak:0.5", "5:weak:femur:0.5", "5:stuck:tibia"),
 )
 
+assert set(COMING) <= set(FAILURES)
+
 WRONG_KINDS = [
     *("asleep", "", "locked:1", "locked:femur", "limp:0", "limp:foot", "missing:1"),
     *("weak:0.1:2", "weak:1.5", "weak:-0.1", "weak:nan", "weak:little", "weak:", "weak:2"),
@@ -119,7 +121,7 @@ def test_a_failure_needs_its_leg(suffix: str) -> None:
 
 
 #: Texts that a parser refuses: a time out of place, or what only a walk from its start can have.
-NOT_THERE: list[tuple[Callable[[str], object], tuple[str, ...]]] = [
+REFUSED_TEXTS: list[tuple[Callable[[str], object], tuple[str, ...]]] = [
     (parse_failure_event, ("5:locked@-1", "5:locked@nan", "5:locked@soon", "5:locked@", "5:limp", "5@@8")),
     (parse_failure_event, ("@", "5:stuck:femur:30@8", "5:stuck@8", "5:unknown@8")),
     (parse_failure_now, ("5:limp@8", "5@8", "limp", "9:limp", "5:stuck:femur:30", "5:stuck", "5:unknown")),
@@ -127,7 +129,7 @@ NOT_THERE: list[tuple[Callable[[str], object], tuple[str, ...]]] = [
 ]
 
 
-@pytest.mark.parametrize(("parse", "texts"), NOT_THERE)
+@pytest.mark.parametrize(("parse", "texts"), REFUSED_TEXTS)
 def test_what_a_failure_cannot_have_there_is_refused(
     parse: Callable[[str], object], texts: tuple[str, ...]
 ) -> None:

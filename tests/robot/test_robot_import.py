@@ -573,8 +573,12 @@ def four_hinges(*axes: str) -> str:
     return text
 
 
+def chain(links: int) -> str:
+    """Links that are fixed to one another and to a tibia."""
+    return "".join(fixed(f"m{number}", f"m{number - 1}" if number else "t1") for number in range(links))
+
+
 HEAVY = hexapod(trunk=solid('<box size="0.3 0.3 4"/>'), trunk_inertial=TRUNK.replace("1.2", "1200"))
-CHAIN = "".join(fixed(f"m{number}", f"m{number - 1}" if number else "t1") for number in range(2500))
 LACKING = r"4 hinges \(jc1 about .*make the other hinges `fixed`"
 
 #: Descriptions that are refused, and what the message says.
@@ -598,7 +602,7 @@ REFUSED = {
     "two roots": (hexapod(more='<link name="loose"/>'), "2 links"),
     "a link that is not there": (changed('<parent link="base"/>', '<parent link="nowhere"/>'), "nowhere"),
     "a link carried twice": (changed('<child link="c2"/>', '<child link="c1"/>'), "c1"),
-    "thousands of links": (hexapod(more=CHAIN), "links"),
+    "thousands of links": (hexapod(more=chain(2500)), "links"),
     "a number that is none": (changed(f'xyz="{COXA_M} 0 0"', 'xyz="0 nan 0"'), "xyz"),
     "an axis of length 0": (changed('xyz="0 0 1"', 'xyz="0 0 0"'), "axis of length 0"),
     "xacro": (changed("<mass ", '<mass a="${m}" '), "xacro"),
@@ -628,5 +632,4 @@ def test_a_missing_file_and_options_of_no_robot_are_refused(tmp_path: Path) -> N
 
 
 def test_a_robot_of_hundreds_of_links_is_imported(tmp_path: Path) -> None:
-    chain = "".join(fixed(f"m{number}", f"m{number - 1}" if number else "t1") for number in range(400))
-    imported(tmp_path, hexapod(more=chain))
+    imported(tmp_path, hexapod(more=chain(400)))
