@@ -1,6 +1,7 @@
-"""A relay that loses, delays or holds what passes: `python -m faults.programs.relay KIND PORT SEED`.
+"""A relay that loses, delays or holds what passes: `python -m faults.programs.relay KIND PORT SEED [AT]`.
 
-KIND is `tcp`, for a link over Zenoh, or `udp`, for MAVLink; PORT is where it passes on to, on loopback.
+KIND is `tcp`, for a link over Zenoh, or `udp`, for MAVLink; PORT is where it passes on to, on loopback;
+AT is the port where it listens, by default a free one.
 Prints the port where it listens, and takes lines on stdin: `loss 0.1`, `reorder 0.1`, `delay 0.05`,
 `garble 0.05`, `cut`, `clear`. Losses are drawn from the seed.
 
@@ -112,9 +113,9 @@ class Queue:
 class TcpRelay:
     """Connections to a port, frame by frame."""
 
-    def __init__(self, port: int, queue: Queue) -> None:
+    def __init__(self, port: int, queue: Queue, at: int = 0) -> None:
         self._port, self._queue = port, queue
-        self._listener = socket.create_server(("127.0.0.1", 0))
+        self._listener = socket.create_server(("127.0.0.1", at))
         self.number = self._listener.getsockname()[1]
         self._other: dict[socket.socket, socket.socket] = {}
         self._frames: dict[socket.socket, Frames] = {}
@@ -155,10 +156,10 @@ class TcpRelay:
 class UdpRelay:
     """Datagrams to a port, and back to who sent last."""
 
-    def __init__(self, port: int, queue: Queue) -> None:
+    def __init__(self, port: int, queue: Queue, at: int = 0) -> None:
         self._queue = queue
         self._near = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._near.bind(("127.0.0.1", 0))
+        self._near.bind(("127.0.0.1", at))
         self._far = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._far.connect(("127.0.0.1", port))
         self.number = self._near.getsockname()[1]
@@ -190,13 +191,13 @@ def _sender(end: socket.socket) -> Callable[[bytes], None]:
     return send
 
 
-def main(kind: str, port: str, seed: str) -> None:
+def main(kind: str, port: str, seed: str, at: str = "0") -> None:
     """Pass on until the input ends."""
     with suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
     condition = Condition()
     queue = Queue(condition, random.Random(int(seed)))
-    relay = (TcpRelay if kind == "tcp" else UdpRelay)(int(port), queue)
+    relay = (TcpRelay if kind == "tcp" else UdpRelay)(int(port), queue, int(at))
     print(f"relay at {relay.number}", flush=True)
     while True:
         ready = select.select([sys.stdin, *relay.sockets()], [], [], queue.pass_on())[0]

@@ -287,12 +287,24 @@ def test_different_lengths_motions_and_paces_in_one_batch_in_the_order_of_the_tr
     assert_as_alone(trials)
 
 
-def test_robots_that_are_equal_share_one_start_whichever_object_holds_them() -> None:
+def test_robots_that_are_equal_share_one_start_whichever_object_holds_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     trials = [trial(code, robot=load_robot("ant"), failure=Failure(leg=5), duration_s=0.5) for code in "123"]
     assert len({made.shared_start() for made in trials}) == 1
     assert len({made.shared_start() for made in pickle.loads(pickle.dumps(trials))}) == 1  # noqa: S301
     others = [trial("1", robot=shipped("pexod"), failure=Failure(leg=5)), trial("1")]
     assert len({made.shared_start() for made in [*trials, *others]}) == 3
+    connected: list[SimServos] = []
+    connect = SimServos.connect
+
+    def note(servos: SimServos) -> None:
+        connected.append(servos)
+        connect(servos)
+
+    monkeypatch.setattr(SimServos, "connect", note)
+    assert len(run_sim_trials(trials)) == 3
+    assert len(connected) == 1
 
 
 @pytest.mark.slow

@@ -1,8 +1,8 @@
 """Faults: what is measured of a robot after one, which cells are run and how a run goes on."""
 
 import random
-import re
 import socket
+import subprocess
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -24,13 +24,13 @@ from faults.measurement import (
     told_after_s,
 )
 from faults.phase import PHASES
-from faults.process import Program
 from faults.programs.relay import Condition, Frames, Queue
 from faults.programs.truth import FAULT, STATE, TOLD, Truth, TruthWriter
 from faults.results import Results
 from faults.sense import cells, left_out, why_not
 from faults.table import HOLDS, UNMEASURED, bars
 from hexctl.types import FloatArray
+from tests.server.processes import relayed
 
 TIMES_S: FloatArray = np.linspace(0.0, 1.98, 100)
 
@@ -222,34 +222,48 @@ def test_frames_are_whole_however_they_come() -> None:
         )
 
 
+def tell(relay: subprocess.Popen[str], line: str) -> None:
+    """Tell a relay something once it has passed on what was sent before."""
+    assert relay.stdin is not None
+    time.sleep(0.3)
+    print(line, file=relay.stdin, flush=True)
+    time.sleep(0.3)
+
+
 @pytest.mark.realtime
-def test_about_as_many_datagrams_are_lost_as_told(tmp_path: Path) -> None:
-    with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as before,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as behind,
-    ):
+def test_about_as_many_datagrams_are_lost_as_told_and_all_while_the_relay_is_cut() -> None:
+    with socket.socket(type=socket.SOCK_DGRAM) as before, socket.socket(type=socket.SOCK_DGRAM) as behind:
         behind.bind(("127.0.0.1", 0))
         behind.settimeout(10)
-        relay = Program(tmp_path, "relay", "faults.programs.relay", "udp", str(behind.getsockname()[1]), "1")
-        try:
-            relay.wait_for("relay at")
-            found = re.search(r"relay at (\d+)", relay.said())
-            assert found is not None
-            before.connect(("127.0.0.1", int(found[1])))
-            relay.tell("loss 0.3")
-            time.sleep(0.5)
+        with relayed(f"udp/127.0.0.1:{behind.getsockname()[1]}") as (endpoint, relay):
+            before.connect(("127.0.0.1", int(endpoint.rpartition(":")[2])))
+            tell(relay, "loss 0.3")
             for number in range(300):
                 before.send(number.to_bytes(2, "little"))
                 time.sleep(0.001)
-            relay.tell("clear")
-            time.sleep(0.5)
+            tell(relay, "cut")
+            before.send(b"cut")
+            tell(relay, "clear")
             before.send(b"end")
-            came = 0
-            while behind.recv(100) != b"end":
-                came += 1
-        finally:
-            relay.end()
-    assert 150 < came < 270
+            came = list(iter(lambda: behind.recv(100), b"end"))
+    assert 150 < len(came) < 270
+    assert b"cut" not in came
+
+
+@pytest.mark.realtime
+def test_frames_of_a_connection_are_lost_while_the_relay_is_cut() -> None:
+    with (
+        socket.create_server(("127.0.0.1", 0)) as server,
+        relayed(f"tcp/127.0.0.1:{server.getsockname()[1]}") as (endpoint, relay),
+        socket.create_connection(("127.0.0.1", int(endpoint.rpartition(":")[2]))) as before,
+        server.accept()[0] as behind,
+    ):
+        behind.settimeout(10)
+        for line, text in (("clear", "first"), ("cut", "lost"), ("clear", "later")):
+            tell(relay, line)
+            before.sendall(frame(text))
+        expected = frame("first") + frame("later")
+        assert behind.makefile("rb").read(len(expected)) == expected
 
 
 def test_what_is_cut_off_is_lost_and_what_comes_later_passes() -> None:

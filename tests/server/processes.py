@@ -235,18 +235,19 @@ def hexctl_process(*arguments: str, timeout_s: float = TIMEOUT_S) -> subprocess.
 
 
 @contextmanager
-def relayed(endpoint: str) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """Where a relay listens that passes on to an endpoint, over TCP only, and the relay's process.
+def relayed(endpoint: str, *, at: int = 0) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """Where a relay listens that passes on to a port of TCP or of UDP, and the relay's process.
 
-    A frozen relay holds what is sent, as a pulled plug does; a killed one closes the connections.
+    A frozen relay holds what is sent, as a pulled plug does; a killed one closes the connections, which come
+    back once another one listens at its port.
     """
-    port = endpoint.rpartition(":")[2]
-    words = [sys.executable, "-u", "-m", "faults.programs.relay", "tcp", port, "1"]
+    kind, port = endpoint.partition("/")[0], endpoint.rpartition(":")[2]
+    words = [sys.executable, "-u", "-m", "faults.programs.relay", kind, port, "1", str(at)]
     with subprocess.Popen(
         words, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as process:
         assert process.stdout is not None
         try:
-            yield f"tcp/127.0.0.1:{process.stdout.readline().split()[-1]}", process
+            yield f"{kind}/127.0.0.1:{process.stdout.readline().split()[-1]}", process
         finally:
             process.kill()

@@ -3,6 +3,7 @@
 import signal
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -84,12 +85,19 @@ def test_a_controller_that_is_killed_or_stopped_leaves_the_robot_frozen_until_a_
 def test_a_link_that_is_cut_freezes_the_robot_and_what_waited_in_it_moves_nothing(
     robot: Served, tmp_path: Path, cut: signal.Signals
 ) -> None:
-    with relayed(robot.endpoint) as (endpoint, relay), controlling(tmp_path, endpoint) as controller:
+    with (
+        ExitStack() as later,
+        relayed(robot.endpoint) as (endpoint, relay),
+        controlling(tmp_path, endpoint) as controller,
+    ):
         controller.wait_for("moving")
         at_s = time.monotonic()
         relay.send_signal(cut)
         wait_until(lambda: stopped(robot) == "expired", "the stop")
         relay.send_signal(signal.SIGCONT)
+        if cut is signal.SIGKILL:
+            relay.wait()
+            later.enter_context(relayed(robot.endpoint, at=int(endpoint.rpartition(":")[2])))
         assert controller.wait() == 3
         time.sleep(0.3)
         assert robot.log().moved_after(at_s) <= STILL_ON_A_BUSY_MACHINE_S

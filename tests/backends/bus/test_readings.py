@@ -364,15 +364,17 @@ FAMILIES = {
 }
 
 
-def said(driver: str, model: str, state: State) -> str:
+def said(driver: str, model: str, state: State, *, later_ticks: int = 0) -> str:
     """What is said when the robot is connected, or of its servos' reports after that."""
     bus_map = a_map(driver, model)
     with memory_bus(bus_map, *state.faults, baud=57_600 if state.other_baud else None) as bus:
         state.change(bus.board._servos[ODD])
         try:
             with servos_on(bus, bus_map) as servos:
-                seen = until(servos, lambda seen: state.says in "; ".join(seen.warnings), write=False)
-                return "; ".join(seen.warnings)
+                until(servos, lambda seen: state.says in "; ".join(seen.warnings), write=False)
+                for _ in range(later_ticks):
+                    servos.clock.tick()
+                return "; ".join(servos.read().warnings)
         except RobotFaultError as error:
             return f"refused: {error}"
 
@@ -388,7 +390,7 @@ def test_an_abnormal_state_is_named(family: tuple[str, str], state: State) -> No
 
 def test_durations_are_not_reported_as_speeds() -> None:
     state = next(each for each in X if each.name == "time-based profile, 2000 ms")
-    words = said("dynamixel", "xl430-w250", state)
+    words = said("dynamixel", "xl430-w250", state, later_ticks=50)
     assert "degrees/s" not in words
     assert "set its profile register 108 from 300 ms to 0" in words
 

@@ -40,8 +40,8 @@ def _errors(bus: ServoBus) -> list[str]:
 @pytest.mark.parametrize(("driver", "model"), [*MODELS, ("lx16a", "lx16a")])
 def test_servos_are_found_read_and_moved(driver: str, model: str) -> None:
     bus_map = a_map(driver, model)
-    line, here = BoardLine(bus_map), stance_counts(bus_map)
-    bus = bus_of(bus_map, line, BusCounters())
+    line, here, counters = BoardLine(bus_map), stance_counts(bus_map), BusCounters()
+    bus = bus_of(bus_map, line, counters)
     assert bus.find().all()
     assert bus.servos[3].model_number() == bus_map.models[3].number
     assert [bus.torque(joint) for joint in (0, 17)] == [False, False]
@@ -49,6 +49,7 @@ def test_servos_are_found_read_and_moved(driver: str, model: str) -> None:
     report = bus.poll_all()[5]
     assert report.voltage_v == pytest.approx(7.4 if driver == "lx16a" else 12.0)
     assert report.temperature_c == 35
+    assert np.isnan(bus.poll_all()[5].voltage_v) == (driver == "lx16a"), "it is read now and then"
     assert _positions(bus) == here.tolist()
     goals = here + np.arange(18) - 9
     bus.write_goals(goals)  # without torque
@@ -63,6 +64,7 @@ def test_servos_are_found_read_and_moved(driver: str, model: str) -> None:
     assert _positions(bus) == goals.tolist()
     bus.set_torque(False)
     assert not line.board._family.holds().any()
+    assert counters.writes == 2
 
 
 @pytest.mark.parametrize(("driver", "model"), [("dynamixel", "xl430-w250"), ("feetech", "sts3215")])

@@ -101,6 +101,16 @@ def test_a_watchdog_that_has_expired_is_renewed() -> None:
             assert stand(servos, 40).joint_positions_rad == pytest.approx(stance, abs=5e-3)
 
 
+def test_a_robot_that_was_moved_by_hand_is_where_it_is_and_stays_there() -> None:
+    with memory_bus(a_map()) as bus:
+        bus.robot._positions_rad += 0.05
+        with servos_on(bus, a_map()) as servos:
+            here_rad = servos.read().joint_positions_rad
+            assert here_rad == pytest.approx(servos.robot.stance_angles_rad + 0.05, abs=2e-3)
+            assert stand(servos, 25, 0.05).joint_positions_rad == pytest.approx(here_rad, abs=2e-3)
+            assert bus.board._family.holds().all()
+
+
 def test_a_servo_that_has_let_go_is_named_and_gets_no_goals_until_the_torque_was_off() -> None:
     """Some switch their torque on with a goal, and would jump to it."""
     with memory_bus(a_map()) as bus, servos_on(bus, a_map()) as servos:

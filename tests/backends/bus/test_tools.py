@@ -220,8 +220,8 @@ def test_a_bus_is_where_the_options_say_else_the_robot_file(robot: str) -> None:
     assert BusOptions(driver="feetech", connect="x").servo_map() is None
 
 
-def test_a_scan_asks_at_one_baud_rate(robot: str) -> None:
-    for bauds, asked in ((None, (57_600,)), (115_200, (115_200,))):
+def test_a_scan_asks_at_one_baud_rate_or_at_all_that_are_usual(robot: str) -> None:
+    for bauds, asked in ((None, (57_600,)), (115_200, (115_200,)), ("all", (115_200,))):
         options = ScanOptions(robot=robot, bauds=bauds)
         assert options.bauds_at(options.address()) == asked
 

@@ -115,6 +115,12 @@ def test_a_robot_that_does_not_walk_is_impossible_and_one_at_its_limits_is_warne
     assert (walk(robot=robot, duration_s=6.0).result.status == "ok") == possible
 
 
+@pytest.mark.parametrize(("stiffness", "soft"), [(1.0, False), (0.5, True), (0.4, True), (0.25, True)])
+def test_a_soft_robot_is_doubtful(stiffness: float, soft: bool) -> None:
+    verdict = load_verdict(load_of(changed("phantomx", stiffness=stiffness)))
+    assert verdict.doubtful == soft == any(warning.startswith("soft") for warning in verdict.warnings)
+
+
 @pytest.mark.parametrize("share", [0.19, 0.2, 0.39, 0.4])
 def test_a_robot_too_slow_for_a_gait_cannot_walk_it_and_a_slow_one_is_warned_of(share: float) -> None:
     check = check_robot("ant")
@@ -142,16 +148,20 @@ def checked(made: ImportedRobot, folder: Path) -> RobotCheck:
     return check_robot(folder / "made.yaml")
 
 
+WIDE = limit(-1.5, 1.5)
+LIMITS = {
+    "all": (limit(-0.3, 0.3), limit(-0.3, 0.8), limit(-0.5, 0.3)),
+    "slow joints": (limit(-1, 1, 0.3),) * 3,
+    "coxae": (limit(-0.12, 0.1), WIDE, WIDE),
+    "femurs": (WIDE, limit(0.1, 0.5), WIDE),
+    "tibiae": (WIDE, WIDE, limit(-0.3, 0.2)),
+}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "limits",
-    [(limit(-0.3, 0.3), limit(-0.3, 0.8), limit(-0.5, 0.3)), (limit(-1, 1, 0.3),) * 3],
-    ids=["narrow joints", "slow joints"],
-)
-def test_the_default_gait_is_one_that_the_check_agrees_with(
-    limits: tuple[str, str, str], tmp_path: Path
-) -> None:
-    made = walkable(imported(tmp_path, hexapod(limits=limits)))
+@pytest.mark.parametrize("case", LIMITS)
+def test_the_default_gait_is_one_that_the_check_agrees_with(case: str, tmp_path: Path) -> None:
+    made = walkable(imported(tmp_path, hexapod(limits=LIMITS[case])))
     report = checked(made, tmp_path)
     assert report.possible
     assert report.demand.speed_holds
@@ -160,12 +170,18 @@ def test_the_default_gait_is_one_that_the_check_agrees_with(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("effort", "possible", "said"), [(0.04, False, "too weak"), (0.35, True, "doubts the default gait: weak")]
+    ("effort", "trunk_kg", "possible", "said"),
+    [
+        (0.04, 1.2, False, "too weak"),
+        (0.5, 15.0, False, "too weak"),
+        (0.35, 1.2, True, "doubts the default gait: weak"),
+    ],
 )
 def test_if_none_works_or_all_are_doubtful_the_import_says_why(
-    effort: float, possible: bool, said: str, tmp_path: Path
+    effort: float, trunk_kg: float, possible: bool, said: str, tmp_path: Path
 ) -> None:
-    made = walkable(imported(tmp_path, hexapod(limits=(limit(-1, 1, effort=effort),) * 3)))
+    limits, trunk = (limit(-1, 1, effort=effort),) * 3, TRUNK.replace("1.2", str(trunk_kg))
+    made = walkable(imported(tmp_path, hexapod(limits=limits, trunk_inertial=trunk)))
     assert said in str(made.notes)
     assert ("no default gait" in str(made.notes)) != possible
     verdict = checked(made, tmp_path).verdict

@@ -97,8 +97,10 @@ def test_a_board_of_hobby_servos_is_calibrated_by_their_motors(
             pulses_us = by_output[true_map.outputs] if driver == "servo2040" else by_output
             return float(np.degrees(true_map.angles_rad(np.asarray(pulses_us)))[0])
 
+        # Each step adds to the one before; the lower end, -20 deg, comes first.
+        ends = {"upper": ["25", "15", "ok"], "lower": ["-15", "-5", "ok"]}
         # A PCA9685 makes pulses in steps of half a degree.
-        watcher = Watcher(true_deg, good_deg=0.5, patience=9, upper=["20", "ok"], lower=["ok"])
+        watcher = Watcher(true_deg, good_deg=0.5, patience=9, **ends)
         monkeypatch.setattr("hexctl.cli.prompts.CalibrationPrompt", lambda: watcher)
         monkeypatch.setattr("hexctl.cli.prompts.can_answer", lambda: True)
         assert exit_code(["calibrate", str(file), "--joints", "leg1_coxa"]) == 0
@@ -108,7 +110,7 @@ def test_a_board_of_hobby_servos_is_calibrated_by_their_motors(
     found = kept.pop("leg1_coxa")
     assert (found["id"], found["sign"]) == (7, -1)
     assert found["offset_deg"] == pytest.approx(12, abs=0.8)
-    assert found["max_us"] == pytest.approx(1500 + 1000 / 90 * 12, abs=8)  # the ends turn with the sign
+    assert found["max_us"] == pytest.approx(1500 + 1000 / 90 * 32, abs=8)  # the ends turn with the sign
     assert found["min_us"] == pytest.approx(1500 + 1000 / 90 * -8, abs=8)
     section.pop("leg1_coxa")
     assert kept == section

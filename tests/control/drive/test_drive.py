@@ -122,10 +122,10 @@ def test_where_the_policy_stops_the_robot_it_stands_until_told_to_stand() -> Non
         assert drive.stopped == "leg 3 limp"
         assert drive.at_rest
         drive.stand()
+        assert drive.stopped is None
         walked(drive, 3.0)
         drive.command(forward_m_s=0.1)
         walked(drive, 3.0)
-        assert drive.stopped is None
         assert drive.velocity.forward_m_s > 0.05
 
 

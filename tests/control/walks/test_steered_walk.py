@@ -151,12 +151,19 @@ def test_alone_is_as_in_a_batch_to_the_last_bit() -> None:
     noisy = World(sensor_noise=SensorNoise(position_m=0.01, yaw_deg=0.5, joint_deg=0.3))
     trials = [
         sim_trial(code, failure=Failure(leg=3), world=noisy, duration_s=4.0, hold=hold, trim_rad=trim_rad)
-        for code, hold, trim_rad in (("17", "line", 0.0), ("62", "heading", 0.0), ("98", "heading", 0.05))
+        for code, hold, trim_rad in (
+            ("17", "line", 0.0),
+            ("62", "heading", 0.0),
+            ("98", "heading", 0.0),
+            ("98", "heading", 0.05),
+        )
     ]
     trials = [trial.put_down_turned() for trial in trials]
     together = run_sim_trials(trials)
     assert together == [run_sim_trial(trial) for trial in trials]
     assert {result.hold for result in together} == {"line", "heading"}
+    untrimmed, trimmed = together[2:]
+    assert untrimmed.deviation != trimmed.deviation
 
 
 def test_a_robot_without_a_pose_is_refused() -> None:

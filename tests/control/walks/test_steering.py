@@ -137,7 +137,9 @@ def test_a_frozen_value_is_judged_alike_during_the_walk_and_after_it(repeats: in
     values[20 : 20 + repeats] = values[19]
     values = np.insert(values, 40, np.full(dropouts, np.nan))
     sensor = FrozenSensor()
-    live = [bool(sensor.update(DT_S, np.array(value))) for value in values] & np.isfinite(values)
+    seen = np.array([sensor.update(DT_S, np.array([value, n])) for n, value in enumerate(values)])
+    live = seen[:, 0] & np.isfinite(values)
+    assert not seen[:, 1].any(), "another sensor that moves"
     after = frozen_rows(values[:, np.newaxis], DT_S)
     assert live.any() == after.any() == (repeats > 200)
     assert not (live & ~after).any()

@@ -39,6 +39,18 @@ def speeds_m_s(feet: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(np.diff(feet, axis=0), axis=-1) / 0.02)
 
 
+def test_a_raised_body_has_all_feet_lower_after_the_soft_start() -> None:
+    gait = make_gait(shipped(), "demo")
+    plans = [TrialPlan(gait=replace(gait, posture=Posture(body_raise=raised))) for raised in (0.0, 0.012)]
+    walks = [
+        VelocityWalk(WalkStart(robot=shipped(), plans=(plan,)), lambda *_: np.array([0.1, 0.0, 0.0]))
+        for plan in plans
+    ]
+    flat, raised = (feet_of(one, 150)[..., 2] for one in walks)
+    np.testing.assert_allclose((flat - raised)[100:], 0.012 * shipped().size_m, atol=1e-6)
+    assert np.diff(flat - raised, axis=0).max() < 2e-4
+
+
 @pytest.mark.slow
 @given(
     st.lists(

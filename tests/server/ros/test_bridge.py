@@ -271,12 +271,13 @@ def test_parameters_are_listed_set_and_read_back(network: tuple[Served, Peer]) -
         (answer,) = answers(session, parameter_endpoint(RosNode(), service).key, payload)
         return answer
 
-    wish = request(ParameterService.SET, **wishes(sit_after=60.0))
-    (done,) = decoded_answer(ParameterService.SET, asked(ParameterService.SET, wish))
-    assert done.successful
-    read = request(ParameterService.GET, **named("sit_after"))
-    (value,) = decoded_answer(ParameterService.GET, asked(ParameterService.GET, read))
-    assert value.double_value == 60.0
+    wish = request(ParameterService.SET, **wishes(sit_after=60.0, gait="gallop"))
+    (done, refused) = decoded_answer(ParameterService.SET, asked(ParameterService.SET, wish))
+    assert (done.successful, refused.successful) == (True, False)
+    assert "tripod" in refused.reason
+    read = request(ParameterService.GET, **named("sit_after", "gait"))
+    values = decoded_answer(ParameterService.GET, asked(ParameterService.GET, read))
+    assert (values[0].double_value, values[1].string_value) == (60.0, "tripod")
     key = parameter_endpoint(RosNode(), ParameterService.GET).key
     before = network[0].status()["ros"]["malformed"]
     assert answers(session, key, b"\0\1\0\0garbage") == []

@@ -398,8 +398,8 @@ def test_odometry_is_dead_reckoning_and_its_covariance_grows_and_covers_its_erro
     walker.own()
     assert odometry(walker)[1][0] == pytest.approx(0.003)
     found: list[FloatArray] = []
-    for _ in range(100):
-        body = walker.posed(walker.outside())["base_link"][1]
+    for jump_m in np.linspace(0, 1, 100):
+        body = walker.posed(walker.outside(np.array([jump_m, 0, 0])))["base_link"][1]
         told, errors = odometry(walker)
         found.append(errors)
     assert (told.header.frame_id, told.child_frame_id) == ("odom", "base_link")
