@@ -107,7 +107,8 @@ def _line(outcome: Outcome) -> str:
     parts += [f"ended: {outcome.ended}"] if outcome.ended else []
     parts += [f"{outcome.trials} trials, {outcome.lost} lost"] if outcome.trials is not None else []
     parts += ["UNNEEDED"] if outcome.unneeded else []
-    parts += [f"late {outcome.late_s:.3f} s"] if not outcome.punctual else []
+    late_s = max(outcome.late_s, outcome.waited_s)
+    parts += [f"late {late_s:.3f} s"] if not outcome.punctual else []
     name = f"{outcome.fault}/{outcome.backend}/{outcome.phase} {outcome.repetition}"
     return f"{name:<48} {', '.join(parts)}"
 

@@ -3,9 +3,10 @@
 import random
 import re
 import time
+from dataclasses import replace
 
 from faults.fault import FAULTS, Fault
-from faults.injection import Injection, Punctual
+from faults.injection import Injection, LongestWait, Punctual
 from faults.measurement import (
     Outcome,
     fell_after,
@@ -46,14 +47,15 @@ def inject(rig: Rig, fault: Fault, phase: str, repetition: int) -> Outcome:
         rig.begin(PHASES[phase], chance, record=fault.records and PHASES[phase].motion is not None)
         rig.check_ready(PHASES[phase])
         heard = {program: len(program.said()) for program in (rig.server, rig.controller) if program}
-        with Punctual():
-            at_s = injection.begin()
-        until_s = at_s + fault.lasts_s + WATCHED_S
-        time.sleep(max(0.0, until_s - time.monotonic()))
+        with LongestWait() as wait:
+            with Punctual():
+                at_s = injection.begin()
+            until_s = at_s + fault.lasts_s + WATCHED_S
+            time.sleep(max(0.0, until_s - time.monotonic()))
         outcome = _measured(rig, at_s, heard, fault, phase, repetition)
     finally:
         injection.end()
-    return outcome
+    return replace(outcome, waited_s=round(wait.longest_s, 4))
 
 
 def _measured(

@@ -3,8 +3,10 @@
 import os
 import resource
 import signal
+import threading
 import time
 from collections.abc import Callable
+from typing import Self
 
 from faults.fault import Fault
 from faults.process import LostError, Program
@@ -20,6 +22,9 @@ REORDERED = 0.2
 
 #: A process that was to be frozen for a time and was for this much longer was held up by the machine.
 LATE_S = 0.015
+
+#: How often it is looked how long a thread is kept waiting.
+NAP_S = 0.005
 
 
 class TooLateError(Exception):
@@ -206,6 +211,44 @@ class Injection:
         assert self._bystander is not None
         self._bystander.tell("now")
         return time.monotonic()
+
+
+class LongestWait:
+    """Notes how late threads without real-time priority wake up, one on each processor; a context.
+
+    Threads of a link have no such priority: robots whose loops have it may keep them waiting, on a processor
+    that they share.
+
+    Attributes:
+        longest_s: by how much one was late at most.
+    """
+
+    def __init__(self) -> None:
+        self.longest_s = 0.0
+        self._over = threading.Event()
+        processors = os.sched_getaffinity(0)
+        self._threads = [
+            threading.Thread(target=self._wake, args=(each,), daemon=True) for each in processors
+        ]
+
+    def __enter__(self) -> Self:
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        for thread in self._threads:
+            thread.join()
+
+    def _wake(self, processor: int) -> None:
+        os.sched_setaffinity(0, {processor})
+        before_s = time.monotonic()
+        while not self._over.is_set():
+            time.sleep(NAP_S)
+            now_s = time.monotonic()
+            self.longest_s = max(self.longest_s, now_s - before_s - NAP_S)
+            before_s = now_s
 
 
 class Punctual:

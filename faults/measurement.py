@@ -23,6 +23,9 @@ LAST_S, GOES_ON_RAD = 0.3, 0.05
 #: What the machine may add to the period of a twin: beyond, times are the machine's.
 PUNCTUAL_S = 0.02
 
+#: What the machine may keep a thread of a link waiting: half the silence after which a guard stops.
+MOST_WAIT_S = 0.1
+
 #: A step is too large beyond what a joint may turn and rounding of the servos' counts.
 ROUNDING = 1.05
 
@@ -57,6 +60,7 @@ class Outcome:
         lost: of these, missing in the store.
         goes_on: whether a joint moved at the end.
         late_s: by how much the twin was late at most, which is the machine's doing.
+        waited_s: by how much a thread without real-time priority, as those of a link are, was late at most.
         commit: of the code that was measured, empty where it is not known.
     """
 
@@ -75,6 +79,7 @@ class Outcome:
     lost: int | None = None
     goes_on: bool = False
     late_s: float = 0.0
+    waited_s: float = 0.0
     commit: str = ""
 
     @property
@@ -90,7 +95,7 @@ class Outcome:
     @property
     def punctual(self) -> bool:
         """Whether the machine had time for it."""
-        return self.late_s <= PUNCTUAL_S
+        return self.late_s <= PUNCTUAL_S and self.waited_s <= MOST_WAIT_S
 
     @property
     def stopped(self) -> bool:

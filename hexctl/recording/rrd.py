@@ -154,14 +154,14 @@ def size_of(path: Path) -> int:
 
 def disconnect(stream: Any) -> None:
     """Close a stream, which may lose unflushed data, and free closed ones."""
-    _bounded(stream.disconnect, FULL_TIMEOUT_S if _abandoned else FLUSH_TIMEOUT_S)
+    _bounded(stream.disconnect, FULL_TIMEOUT_S if stuck() else FLUSH_TIMEOUT_S)
     free_streams()
 
 
 def free_streams() -> None:
     """Free closed streams, which Rerun keeps, with 4 MB and two threads each; not with `rerun.init`."""
     rr = load_rerun()
-    if not _abandoned and rr.get_global_data_recording() is None:
+    if not stuck() and rr.get_global_data_recording() is None:
         _bounded(rr.bindings.flush_and_cleanup_orphaned_recordings, FULL_TIMEOUT_S)
 
 

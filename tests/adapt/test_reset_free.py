@@ -115,8 +115,7 @@ def test_a_robot_that_moves_still_is_asked_again(speed_rad_s: float, stands: int
         np.testing.assert_allclose(sag_rad, SAG_RAD, atol=1e-3)
 
 
-def test_a_command_that_is_refused_once_is_no_reason_to_go_without() -> None:
-    """Silence after a measurement is no failure."""
+def test_neither_a_command_that_is_refused_once_nor_silence_afterwards_is_a_failure() -> None:
     servos = PosedMock(ROBOT)
     servos.joints_rad = ROBOT.stance_angles_rad - SAG_RAD
 
@@ -242,7 +241,7 @@ def test_a_fall_on_the_way_to_the_start_is_not_the_gaits_fault() -> None:
         runner_of(guard, arena=ARENA).walk(request_of(1, 17))
 
 
-def test_a_silent_robot_between_trials_is_stood_up() -> None:
+def test_between_trials_silence_is_no_failure_and_a_robot_that_sits_stands_up_from_there() -> None:
     """A person who measures takes longer than the guard's patience."""
     servos = PosedMock(ROBOT)
     with Guard(servos) as guard:

@@ -35,6 +35,12 @@ class Output(NamedTuple):
         (line,) = self.out.splitlines()
         return json.loads(line, parse_constant=lambda name: pytest.fail(name))
 
+    @property
+    def quiet_json(self) -> Any:
+        """Its JSON; nothing else is printed."""
+        assert self.err == ""
+        return self.json
+
 
 #: Calls hexctl with a command line, and with more words as they are; it must end with a code.
 Call = Callable[..., Output]

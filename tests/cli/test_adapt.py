@@ -52,7 +52,7 @@ def course(outcome: dict[str, Any]) -> list[Any]:
 @on_a_landscape
 def test_a_finished_session_goes_on_with_another_budget(call: Call) -> None:
     begun = ["adapt", "--failed-leg", "5", "--optimizer", "derand", "--no-record", "--budget"]
-    whole, part = call(*begun, "15", "--json").json, call(*begun, "4", "--json").json
+    whole, part = (call(*begun, budget, "--json").quiet_json for budget in ("15", "4"))
     go_on = ["adapt", "--resume", part["session"], "--no-record"]
     for budget in ("4", "1000000"):
         assert f"--budget: got {budget}" in call(*go_on, "--budget", budget, code=2).err

@@ -55,6 +55,7 @@ def interrupted(module: str, *, times: int = 1, words: str = WALK) -> "subproces
 @pytest.mark.parametrize(
     ("module", "quiet"),
     [
+        ("hexctl.cli.main", False),
         ("pydantic_core._pydantic_core", False),
         # Once the walk is asked for, its own soft stop answers, which prints a result.
         ("mujoco._structs", True),

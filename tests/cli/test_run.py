@@ -131,7 +131,7 @@ def test_a_leg_dies_and_the_text_says_what_was_noticed_and_done(
 
 
 def test_a_walk_without_a_leg_that_is_slow_or_misses_its_line_names_the_next_step(call: Call) -> None:
-    outcome = call("run --no-record --duration 1 --failure 5:locked --json").json
+    outcome = call("run --no-record --duration 1 --failure 5:locked --json").quiet_json
     assert "--gait auto" in str(summary(outcome)[-1])
     assert "--gait auto" not in str(summary({**outcome, "options": {"gait": "auto"}})[-1])
     on_course = {**outcome, "distance_m": outcome["ideal_distance_m"]}

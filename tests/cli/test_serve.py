@@ -1,6 +1,7 @@
 """`hexctl serve` and `status`: what they print, and how they end."""
 
 import json
+import signal
 import socket
 from contextlib import nullcontext
 from pathlib import Path
@@ -51,6 +52,17 @@ def test_own_servos_that_raise_end_it_as_a_fault_in_one_line(
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     (*_, line) = call("serve --backend", RECORDED, "--listen", endpoint, code=3).err.splitlines()
     assert line.endswith(f"Driver.{method} raised ZeroDivisionError: no such register")
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGUSR1])
+def test_it_ends_softly_when_asked(tmp_path: Path, number: signal.Signals) -> None:
+    with served(tmp_path, backend="mock") as robot:
+        assert hexctl("estop", "--connect", robot.endpoint).returncode == 0
+        robot.wait_for("STOPPED: estop")
+        robot.signal(number)
+        assert robot.wait() == 0
+        assert "Traceback" not in robot.said()
 
 
 @pytest.mark.realtime

@@ -76,10 +76,12 @@ def test_the_nearest_file_above_counts_up_to_the_home_folder_and_a_repository(ho
     assert settings_files(home / "project" / "deep") == ()
     (home / "hexctl.toml").write_text("")
     assert settings_files(home / "project" / "deep") == (home / "hexctl.toml",)
+    nearer = home / "project" / "hexctl.toml"
+    nearer.write_text("")
+    assert settings_files(home / "project" / "deep") == (nearer,)
+    nearer.unlink()
     (home / "project" / ".git").mkdir()
     assert settings_files(home / "project" / "deep") == ()
-    (home / "project" / "hexctl.toml").write_text("")
-    assert settings_files(home / "project" / "deep") == (home / "project" / "hexctl.toml",)
 
 
 @pytest.mark.usefixtures("home")

@@ -75,6 +75,40 @@ def test_a_plan_may_be_told_of_several_failed_legs_and_of_a_body_that_has_turned
     assert (motion.travel, motion.turn_rate_rad_s) == (1.0, 0.1)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("robot", "gait", "least_share", "most_off_m"),
+    [("ant", "demo", 0.75, 0.15), ("phantomx", "tripod", 0.6, 0.1)],
+)
+def test_robots_walk_straight_at_their_own_pace(
+    robot: str, gait: str, least_share: float, most_off_m: float
+) -> None:
+    result = walk(gait, robot=shipped(robot), duration_s=8).result
+    assert result.status == "ok"
+    assert result.distance_m is not None
+    assert result.deviation is not None
+    assert least_share <= result.distance_m / result.ideal_distance_m <= 1
+    assert result.deviation.final <= most_off_m
+    assert result.duration_s == pytest.approx(8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("leg", "heading_deg"), [(4, 60), (5, 100)])
+def test_after_the_self_rotation_it_walks_along_the_heading_that_it_was_given(
+    leg: int, heading_deg: float
+) -> None:
+    outcome = walk(failure=Failure(leg=leg), heading_rad=math.radians(heading_deg), duration_s=4)
+    frame, result = outcome.log.frame, outcome.result
+    assert frame is not None
+    assert math.degrees(frame.heading_rad) == pytest.approx(heading_deg, abs=1), "as it stood at first"
+    assert result.status == "ok"
+    assert result.deviation is not None
+    assert result.deviation.final < 0.15
+    walked = outcome.log["base_position_world"][outcome.log.rows_of("walk")]
+    way = walked[-1] - walked[0]
+    assert math.degrees(math.atan2(way[1], way[0])) == pytest.approx(heading_deg, abs=15)
+
+
 @pytest.mark.parametrize("heading_deg", [60, 137, 270])
 def test_it_walks_along_the_heading_that_it_is_given(heading_deg: float) -> None:
     outcome = walk("tripod", heading_rad=math.radians(heading_deg), duration_s=6)

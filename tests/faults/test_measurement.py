@@ -3,6 +3,7 @@
 import random
 import socket
 import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -13,8 +14,10 @@ import pytest
 
 from faults.backend import BACKENDS
 from faults.fault import FAULTS
+from faults.injection import LongestWait
 from faults.matrix import Matrix, jobs
 from faults.measurement import (
+    MOST_WAIT_S,
     Outcome,
     fell_after,
     goes_on,
@@ -117,6 +120,23 @@ def test_a_twin_that_is_kept_waiting_is_noticed() -> None:
     assert late_s(truth, 0.0) == pytest.approx(0.0, abs=1e-9)
     held = replace(truth, at_s=np.where(TIMES_S < 1, TIMES_S, TIMES_S + 0.05))
     assert late_s(held, 0.0) == pytest.approx(0.05)
+
+
+def test_how_long_threads_are_kept_waiting_is_noted() -> None:
+    """By a thread that keeps the interpreter's lock."""
+    before_s = sys.getswitchinterval()
+    with LongestWait() as wait:
+        time.sleep(0.02)
+        sys.setswitchinterval(10)
+        try:
+            until_s = time.monotonic() + 0.1
+            while time.monotonic() < until_s:
+                pass
+        finally:
+            sys.setswitchinterval(before_s)
+    assert wait.longest_s > 0.05
+    assert not outcome(waited_s=wait.longest_s + MOST_WAIT_S).punctual
+    assert outcome(waited_s=MOST_WAIT_S).punctual
 
 
 def test_what_a_twin_writes_is_read(tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ class Target:
         name: unique among all targets; of its lines in the corpus.
         read: decodes an input, and uses what comes out as the program would.
         seeds: good inputs.
-        given: makes of bytes what is read.
+        given: turns an input into the argument of `read`.
         refusals: what it may raise; anything else fell.
         words: parts of the format, which a mutation inserts.
         times: spoiled inputs of a test, beyond those of the corpus.

@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import cache
 from typing import Any
 
@@ -15,15 +15,14 @@ from hexctl import (
     Guard,
     SimServos,
     SimTrial,
-    TrialPlan,
     World,
     load_robot,
     load_world,
-    make_gait,
     run_sim_trials,
     run_trial,
 )
 from hexctl.control.log import TickLog
+from tests.trials import sim_trial
 
 NOISY = World.model_validate({"sensor_noise": {"joint_deg": 0.5, "position_m": 0.002, "yaw_deg": 0.5}})
 WORN = World(servo_delay_s=0.02, servo_backlash_deg=1.0, servo_strength=0.7, joint_offset_deg=2.0)
@@ -32,23 +31,9 @@ TOP_HEAVY = World(payload_kg=3.0, payload_position_m=(0.0, 0.0, 0.6))
 TIPPING = World(payload_kg=6.0, payload_position_m=(0.5, 0.0, 0.3))
 
 
-def _trial(
-    gait: str,
-    robot: str = "ant",
-    world: World | None = None,
-    seed: int = 0,
-    facing_rad: float = 0.0,
-    failure: Failure | None = None,
-    **plan: Any,
-) -> SimTrial:
-    model = load_robot(robot)
-    legs = () if failure is None else (failure.leg,)
-    made = TrialPlan(
-        gait=make_gait(model, gait, failed_legs=legs), **{"belief": failure, "duration_s": 3.0, **plan}
-    )
-    return SimTrial(
-        robot=model, plan=made, failure=failure, world=world or World(), seed=seed, facing_rad=facing_rad
-    )
+def _trial(gait: str, robot: str = "ant", facing_rad: float = 0.0, **given: Any) -> SimTrial:
+    made = sim_trial(gait, robot=load_robot(robot), **{"duration_s": 3.0, "world": World(), **given})
+    return replace(made, facing_rad=facing_rad)
 
 
 def trials() -> dict[str, SimTrial]:

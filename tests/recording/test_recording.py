@@ -224,6 +224,11 @@ def test_a_flush_that_never_comes_back_is_left_behind(
     for thread in rrd._abandoned:
         thread.join(10)
     assert not rrd.stuck()
+    freed: list[None] = []
+    bindings = rrd.load_rerun().bindings
+    monkeypatch.setattr(bindings, "flush_and_cleanup_orphaned_recordings", lambda: freed.append(None))
+    rrd.free_streams()
+    assert freed, "streams are freed again once the calls have come back"
 
 
 @pytest.mark.parametrize("missing_bytes", [1, 5000])

@@ -299,6 +299,7 @@ def test_legs_without_which_a_robot_hardly_walks_are_said_before_it_moves() -> N
         ({"gait": make_gait(load_robot(), "demo"), "pace_hz": 1.0}, "pace_hz"),
         ({"record": Path("walk.txt")}, "walk.txt"),
         ({"controller": lambda step, state: crouch(step, state)[:17]}, "controller"),
+        ({"failed_leg": "auto"}, "failed_leg"),
         ({"failed_leg": (2, 5), "self_rotation": "rear"}, "2, 5"),
         ({"failure": [FailureEvent(at_s=3.0, leg=5)]}, "failure"),
         ({"heal": [FailureEvent(at_s=3.0, leg=5, failure=Failure(leg=5))]}, "heal"),

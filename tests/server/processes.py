@@ -236,7 +236,7 @@ def hexctl_process(*arguments: str, timeout_s: float = TIMEOUT_S) -> subprocess.
 
 @contextmanager
 def relayed(endpoint: str, *, at: int = 0) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """Where a relay listens that passes on to a port of TCP or of UDP, and the relay's process.
+    """Endpoint and process of a relay to a port of TCP or UDP.
 
     A frozen relay holds what is sent, as a pulled plug does; a killed one closes the connections, which come
     back once another one listens at its port.
@@ -244,7 +244,12 @@ def relayed(endpoint: str, *, at: int = 0) -> Iterator[tuple[str, subprocess.Pop
     kind, port = endpoint.partition("/")[0], endpoint.rpartition(":")[2]
     words = [sys.executable, "-u", "-m", "faults.programs.relay", kind, port, "1", str(at)]
     with subprocess.Popen(
-        words, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        words,
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,  # as tests/conftest.py says
     ) as process:
         assert process.stdout is not None
         try:

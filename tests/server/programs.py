@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.backends.clock import request_realtime_priority
+from hexctl.backends.clock import realtime_priority
 from hexctl.backends.zenoh import zenoh_client
 from hexctl.backends.zenoh.zenoh_client import ZenohServos
 from hexctl.control.guard import Guard
@@ -64,7 +64,6 @@ def lent(session: Any) -> Iterator[Any]:
 
 def sway(endpoint: str, *options: str) -> int:
     """Sway until killed or refused; print what happens."""
-    request_realtime_priority()
     given = dict(option.split("=") for option in options)
     link = Link(endpoint=endpoint, credentials=Path(given["keys"]) if "keys" in given else None)
     if "again" not in given:
@@ -79,7 +78,7 @@ def sway(endpoint: str, *options: str) -> int:
 def control(link: Link) -> int:
     """Take the lease and command a slow wave until something goes wrong; say when the joints move."""
     try:
-        with Guard(ZenohServos(shipped(), link=link)) as guard:
+        with Guard(ZenohServos(shipped(), link=link)) as guard, realtime_priority():
             step = 0
             while True:
                 guard.clock.tick()

@@ -130,7 +130,7 @@ class Attacked:
     ) -> tuple[list[float], list[StopResult]]:
         """Stop the robot again and again while it is attacked, and clear the stop as who asked for it.
 
-        For how long the robot moved on after each press, in s, and what the client found.
+        Returns how long the robot still moved after each press, in s, and the client's results.
         """
         place: dict[str, Any] = {"connect": self.link.endpoint, "credentials": self.link.credentials}
         motions_s, results = [], []

@@ -276,7 +276,7 @@ def test_any_button_of_any_gamepad_stops(pipes: Pipes, button: StopButton) -> No
         assert not button.pressed(), "it was pressed once"
 
 
-def test_sticks_and_buttons_that_are_let_go_of_do_not_and_a_gamepad_may_come_back(
+def test_released_sticks_and_buttons_do_not_stop_and_a_gamepad_may_come_back(
     pipes: Pipes, button: StopButton
 ) -> None:
     end = pipes.plug("event1")

@@ -134,6 +134,16 @@ def _condition(model: str = "ax12a") -> tuple[LineCondition, AnswerShares, FakeT
     return LineCondition(a_map("dynamixel", model), shares, time=clock), shares, clock
 
 
+def test_a_cable_that_damages_one_answer_in_eight_is_told() -> None:
+    condition, shares, _ = _condition()
+    rng = random.Random(3)
+    for _ in range(400):
+        shares.take(range(18), [joint for joint in range(18) if joint != 7 or rng.random() > 0.12])
+    (warning,) = condition.warnings(_servos(), NONE, NONE)
+    assert "bad cable" in warning
+    assert "leg 3 femur" in warning
+
+
 def _joints(*chosen: int) -> np.ndarray:
     return np.isin(np.arange(18), chosen)
 

@@ -1,5 +1,6 @@
 """Servos on a bus as a controller sees them: they conform, and what goes wrong is named."""
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -348,6 +349,8 @@ def test_an_overload_of_an_x_servo_is_told_with_its_reason_and_needs_a_restart()
     with memory_bus(X_MAP, "overload:3:femur@2") as bus, servos_on(bus, X_MAP) as servos:
         until(servos, _said("(overload): leg 3 femur (id 8)"))
         until(servos, _said("no torque: leg 3 femur (id 8)"))
+    with memory_bus(X_MAP, "overload:3:femur") as bus, servos_on(bus, X_MAP) as servos:
+        assert any(re.search(r"overload.*power.*: leg 3 femur", each) for each in servos.read().warnings)
 
 
 def test_an_overload_of_an_ax_servo_is_told_and_ends_with_the_next_walk() -> None:

@@ -156,6 +156,10 @@ class TestSigning:
         monkeypatch.setattr(codec_module, "_stamp_now", lambda: later)
         assert Codec(1, 1, signing_key=KEY).decode(recorded, whole=True) == []
 
+    def test_a_key_of_another_length_is_refused(self) -> None:
+        with pytest.raises(InputError, match="got 5 bytes; allowed: 32"):
+            Codec(1, 1, signing_key=b"short")
+
 
 # Ports and links.
 

@@ -12,7 +12,7 @@ from hexctl.backends.pwm.pca9685 import Pca9685Servos
 from hexctl.backends.pwm.servo2040 import Servo2040Servos
 from hexctl.robot.servos.pwm_map import PwmMap, pwm_map_of
 from hexctl.robot.servos.servo_schema import ServosSection
-from hexctl.simulators.pca9685_board import Pca9685Board
+from hexctl.simulators.pca9685_board import BITS_PER_S, Pca9685Board
 from hexctl.simulators.servo2040_board import Servo2040Board
 from tests.backends.bus.boards import MemoryDevice, faults_of, running
 from tests.backends.fake_time import FakeTime, Standing
@@ -26,9 +26,17 @@ def a_map(driver: str = "servo2040", **section: Any) -> PwmMap:
 
 
 @contextmanager
-def pca9685_board(pwm_map: PwmMap | None = None) -> Iterator[Pca9685Board]:
-    """Boards PCA9685 that run meanwhile, of servos without a robot."""
-    with running(Pca9685Board(MockServos(shipped()), pwm_map or a_map("pca9685"))) as board:
+def pca9685_board(
+    *faults: str, servos: LegServos | None = None, pwm_map: PwmMap | None = None, bits_per_s: int = BITS_PER_S
+) -> Iterator[Pca9685Board]:
+    """Boards PCA9685 that run meanwhile, of a mock robot unless other servos are given."""
+    board = Pca9685Board(
+        servos or MockServos(shipped()),
+        pwm_map or a_map("pca9685"),
+        bits_per_s=bits_per_s,
+        faults=faults_of(Pca9685Board, faults),
+    )
+    with running(board):
         yield board
 
 

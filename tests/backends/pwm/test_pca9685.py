@@ -5,6 +5,7 @@ import random
 import socket
 import sys
 import threading
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -18,15 +19,16 @@ from smbus2 import i2c_msg
 from hexctl.backends.base import LegServos
 from hexctl.backends.pwm.i2c_socket import I2cMessage, I2cSocket, decode_transaction, encode_transaction
 from hexctl.backends.pwm.pca9685 import I2cBus, Pca9685, Pca9685Servos, open_i2c, prescale_of
+from hexctl.backends.sim.servos import SimServos
 from hexctl.errors import MissingExtraError, RobotFaultError
 from hexctl.robot.servos.pwm_map import PwmMap
 from hexctl.simulators.pca9685_board import SimulatedI2c, SimulatedPca9685
-from hexctl.types import N_JOINTS, FloatArray, JointTargets
+from hexctl.types import N_JOINTS, FloatArray, JointTargets, RobotState
 from hexctl.waiting import wait_for
 from hexctl.wire.zenoh_messages import MAX_TEXT_BYTES
 from tests.backends.fake_time import FakeTime
 from tests.backends.powering import HobbyServosConformance
-from tests.backends.pwm.boards import a_map, pca9685_board
+from tests.backends.pwm.boards import a_map, i2c_servos_on, pca9685_board
 from tests.backends.pwm.i2c import ChipBus, FlatBus, byte_of
 from tests.backends.standing import next_state, stand, until
 from tests.robots import shipped
@@ -383,3 +385,36 @@ def test_a_pose_is_one_message_for_each_board() -> None:
         written = bus.written.copy()
     assert written[:2] == [(0x40, 6, 65), (0x41, 6, 9)]
     assert written == written[:2] * (len(written) // 2)
+
+
+@pytest.mark.realtime
+def test_a_simulated_robot_moves_as_the_pulses_say_and_outlasts_faults() -> None:
+    simulated = SimServos(shipped(), realtime=True)
+    faults = ("nack:0.02", "unplug@2", "replug@2.5", "reset@4")
+    with pca9685_board(*faults, servos=simulated) as board, i2c_servos_on(board) as servos:
+        wanted_rad = servos.robot.stance_angles_rad + 0.05
+
+        def within_reach(_: RobotState) -> bool:
+            return np.allclose(simulated.read().joint_positions_rad, wanted_rad, atol=0.03)
+
+        until(servos, within_reach, offset_rad=0.05)
+        np.testing.assert_allclose(board.pulses_us(), a_map("pca9685").raw(wanted_rad), atol=2.5)
+        assert "Remote I/O error" in str(until(servos, _unhealthy, offset_rad=0.05).fault)
+        until(servos, lambda state: state.healthy, write=False)
+        assert (board.pulses_us() > 0).all(), "a cable that comes back leaves the robot standing"
+        assert "has lost its settings" in str(until(servos, _unhealthy, offset_rad=0.05).fault)
+        until(servos, lambda _: not board.pulses_us().any(), offset_rad=0.05)
+        assert board.report()["refused"] > 0
+
+
+def _unhealthy(state: RobotState) -> bool:
+    return not state.healthy
+
+
+@pytest.mark.realtime
+def test_transfers_take_no_less_than_their_bits() -> None:
+    with pca9685_board(bits_per_s=10_000) as board:
+        bus, began_s = I2cSocket(board.path), time.monotonic()
+        byte_of(bus, 0x40, 0)  # four bytes
+        assert time.monotonic() - began_s >= 0.0036
+        bus.close()

@@ -76,16 +76,26 @@ def test_a_leg_dies_and_the_robot_walks_on_along_its_line(
 ) -> None:
     result, (noticed,) = lost_legs[0][place], lost_legs[1].noticed[place]
     what, at_s = EVENTS[place].split("@")
-    leg, kind = int(what[0]), what.split(":")[1]
-    assert (noticed.suspicion.leg, noticed.suspicion.failure.kind) == (leg, kind)
+    failure = noticed.suspicion.failure
+    assert ":".join(filter(None, (str(failure.leg), failure.kind, failure.joint))) == what
     assert 0 < noticed.suspicion.step * 0.02 - float(at_s) < 1.2
     assert noticed.response.gait is not None
-    assert noticed.response.gait.posture.tucked_legs == (leg,)
+    assert noticed.response.gait.posture.tucked_legs == (failure.leg,)
     assert result.status == "ok"
     assert result.deviation is not None
     assert result.deviation.max < 0.05
     path_m = result.path_m[:, 0]
     assert path_m[-1] - path_m[300] > 0.7 * (path_m[200] - path_m[0]), "as fast as before"
+
+
+@pytest.mark.parametrize("kind", ["limp", "locked", "missing"])
+def test_a_leg_that_is_dead_before_the_first_step_is_noticed_and_tucked(kind: str) -> None:
+    failure = Failure(leg=2, kind=kind)
+    trial = replace(_trial(duration_s=3.0, self_rotation="none"), failure=failure)
+    first = _walk(trial)[1].noticed[0][0]
+    assert first.suspicion.failure == failure
+    assert first.response.gait is not None
+    assert first.response.gait.posture.tucked_legs == (2,)
 
 
 @pytest.mark.slow

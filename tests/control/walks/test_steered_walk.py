@@ -27,6 +27,7 @@ from hexctl.control.batch import run_sim_trial
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trace import TrialFrame
 from hexctl.control.walks.steered_walk import SteeredWalk
+from hexctl.control.walks.steering import Course
 from hexctl.control.walks.velocity_walk import OVERDRIVE
 from hexctl.ik.legs import foot_positions_body
 from hexctl.types import FloatArray
@@ -163,7 +164,10 @@ def test_alone_is_as_in_a_batch_to_the_last_bit() -> None:
     assert together == [run_sim_trial(trial) for trial in trials]
     assert {result.hold for result in together} == {"line", "heading"}
     untrimmed, trimmed = together[2:]
-    assert untrimmed.deviation != trimmed.deviation
+    assert untrimmed.deviation is not None
+    assert trimmed.deviation is not None
+    moved_m = trimmed.deviation.signed - untrimmed.deviation.signed
+    assert moved_m == pytest.approx(0.05 * (untrimmed.distance_m or 0), rel=0.5), "to the left"
 
 
 def test_a_robot_without_a_pose_is_refused() -> None:
@@ -197,3 +201,41 @@ def test_no_foot_jumps_when_the_line_does() -> None:
     assert steps_m.max() < 1.5 * usual_m
     reach_m = np.abs((feet - robot.stance_feet_body)[..., :2]).max()
     assert reach_m <= OVERDRIVE * robot.gait.amplitude * robot.size_m / 2 + 1e-9
+
+
+class Stepping(SteeredWalk):
+    """Follows a line from 4 s on that is shifted to the left and turned; notes how far it is from it."""
+
+    def __init__(self, start: WalkStart, shift_m: float, turn_rad: float) -> None:
+        super().__init__(start)
+        self._shift_m, self._turn_rad = shift_m, turn_rad
+        self.aside_m: list[float] = []
+
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        assert state.base_position_world is not None
+        x, y = state.base_position_world[:2].tolist()
+        if step == 200:
+            self._origin = x, self._shift_m
+            origin_world = np.array(self._origin)
+            self.follow(Course(origin_world=origin_world, heading_rad=self._turn_rad, yaw_rad=0.0))
+        if step >= 200:
+            moved = x - self._origin[0], y - self._origin[1]
+            self.aside_m.append(math.cos(self._turn_rad) * moved[1] - math.sin(self._turn_rad) * moved[0])
+        return super().targets_rad(step, state)
+
+
+@pytest.mark.parametrize(("shift_m", "turn_rad"), [(0.2, 0.0), (0.0, math.radians(30))])
+def test_a_line_that_is_shifted_or_turned_is_reached_without_overshooting_far(
+    shift_m: float, turn_rad: float
+) -> None:
+    made: list[Stepping] = []
+
+    def stepping(start: WalkStart) -> Stepping:
+        made.append(Stepping(start, shift_m, turn_rad))
+        return made[0]
+
+    run_sim_trial(sim_trial(hold="line", duration_s=18.0), stepping)
+    aside_m = np.array(made[0].aside_m)
+    assert aside_m[0] == pytest.approx(-shift_m, abs=0.02)
+    assert np.abs(aside_m[-100:]).max() < 0.02, "on the new line, the sway of a cycle included"
+    assert aside_m.max() < 0.06
