@@ -96,19 +96,20 @@ test: $(INSTALLED)
 test-all: export HYPOTHESIS_PROFILE = thorough
 test-all: test test-slow test-long
 
-# What computes fills the cores; what keeps time comes afterwards, and mostly waits.
+# What computes fills the cores; what keeps time comes afterwards. It mostly waits, but more of it than there are
+# cores leaves threads without real-time priority waiting for up to 0.2 s, after which robots stop.
 test-slow: $(INSTALLED)
 	$(call lane,$(WORKERS),slow and not realtime and not long)
-	$(call lane,4,realtime and not long)
+	$(call lane,$(WORKERS),realtime and not long)
 
 # What CI runs: `test` and `test-slow`, with one start of the processes that compute.
 ci: $(INSTALLED)
 	$(call linted,$(call lane,$(WORKERS),not realtime and not long))
-	$(call lane,4,realtime and not long)
+	$(call lane,$(WORKERS),realtime and not long)
 
 test-long: $(INSTALLED)
 	$(call lane,$(WORKERS),long and not realtime)
-	$(call lane,3,long and realtime)
+	$(call lane,$(WORKERS),long and realtime)
 
 # The built wheel, alone in a fresh environment: what a robot's own computer gets. Needs nothing of .venv.
 SMOKE_PIP := build/smoke/venv/bin/python -m pip --quiet --disable-pip-version-check
