@@ -96,8 +96,8 @@ test: $(INSTALLED)
 test-all: export HYPOTHESIS_PROFILE = thorough
 test-all: test test-slow test-long
 
-# What computes fills the cores; what keeps time comes afterwards. It mostly waits, but more of it than there are
-# cores leaves threads without real-time priority waiting for up to 0.2 s, after which robots stop.
+# What computes fills the cores; what keeps time comes afterwards, with no more tests at a time than cores: with
+# more, threads without real-time priority wait up to 0.2 s, after which robots stop.
 test-slow: $(INSTALLED)
 	$(call lane,$(WORKERS),slow and not realtime and not long)
 	$(call lane,$(WORKERS),realtime and not long)

@@ -23,7 +23,7 @@ REORDERED = 0.2
 #: A process that was to be frozen for a time and was for this much longer was held up by the machine.
 LATE_S = 0.015
 
-#: How often it is looked how long a thread is kept waiting.
+#: Sleep of a thread whose lateness is measured.
 NAP_S = 0.005
 
 
@@ -214,13 +214,12 @@ class Injection:
 
 
 class LongestWait:
-    """Notes how late threads without real-time priority wake up, one on each processor; a context.
+    """Measures how late threads without real-time priority wake up, one on each processor; a context manager.
 
-    Threads of a link have no such priority: robots whose loops have it may keep them waiting, on a processor
-    that they share.
+    The threads of a link have no such priority: real-time loops on the same processor may delay them.
 
     Attributes:
-        longest_s: by how much one was late at most.
+        longest_s: greatest lateness so far.
     """
 
     def __init__(self) -> None:

@@ -10,7 +10,7 @@ from faults.fault import FAULTS, safe_reaction
 from faults.phase import PHASES
 from faults.programs.truth import Truth
 from hexctl.backends.clock import PERIOD_S
-from hexctl.control.guard import FALL_COS_TILT, FALL_TICKS
+from hexctl.control.guard import EXPIRY_S, FALL_COS_TILT, FALL_TICKS
 from hexctl.server.idle import STILL_RAD, STILL_S
 from hexctl.types import FloatArray
 
@@ -23,8 +23,8 @@ LAST_S, GOES_ON_RAD = 0.3, 0.05
 #: What the machine may add to the period of a twin: beyond, times are the machine's.
 PUNCTUAL_S = 0.02
 
-#: What the machine may keep a thread of a link waiting: half the silence after which a guard stops.
-MOST_WAIT_S = 0.1
+#: Greatest lateness of a link's thread with which a time counts: half the silence after which a guard stops.
+MOST_WAIT_S = EXPIRY_S / 2
 
 #: A step is too large beyond what a joint may turn and rounding of the servos' counts.
 ROUNDING = 1.05
@@ -60,7 +60,7 @@ class Outcome:
         lost: of these, missing in the store.
         goes_on: whether a joint moved at the end.
         late_s: by how much the twin was late at most, which is the machine's doing.
-        waited_s: by how much a thread without real-time priority, as those of a link are, was late at most.
+        waited_s: greatest lateness of a thread without real-time priority, such as those of a link.
         commit: of the code that was measured, empty where it is not known.
     """
 
