@@ -178,7 +178,9 @@ def _joints(columns: "_Columns", path: Path) -> tuple[Rows, FloatArray]:
     series = [columns.numbers(one.path, "Scalars:scalars", len(one.names)) for one in VECTORS]
     ticks = min(len(times_ns) for times_ns, _ in series)
     if not ticks:
-        raise InputError(f"recording: {path} holds no trial; allowed: a recording of a walk")
+        raise InputError(
+            f"recording: {path} holds no tick of a walk; allowed: a recording of a walk that began"
+        )
     times_ns = series[0][0][:ticks]
     if not all(np.array_equal(others_ns[:ticks], times_ns) for others_ns, _ in series):
         raise InputError(f"recording: {path} is damaged: its joints have different ticks")

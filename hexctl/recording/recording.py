@@ -75,9 +75,10 @@ class Recording:
             servos: whether the servos may report temperatures and voltages; adds them to the layout.
             on_stand: whether a stand holds the trunk, and no foot touches anything.
 
-        Raises InputError for a file that exists or cannot be written, MissingExtraError without Rerun.
+        Raises InputError for a file that exists or cannot be written, MissingExtraError without Rerun. An
+        incomplete beginning is deleted.
         """
-        rr = load_rerun()
+        load_rerun()
         self.path = path
         self._subject = Subject(robot, plan, floor or LEVEL, meshes or {})
         self._title = title
@@ -88,20 +89,30 @@ class Recording:
         self._last: Block | None = None
         self._parts: Iterator[None] | None = None
         self._written, self._written_at_s = 0, time.monotonic()
+        self._indexed = plan.duration_s <= INDEXED_S
+        self._stream: Any = None
         check_name(path)
         create_file(path)
-        self._stream: Any = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
-        floor = self._subject.floor
-        blueprint = make_blueprint(robot, plan.heading_rad, floor, watched=watched, servos=servos)
-        self._indexed = plan.duration_s <= INDEXED_S
-        save_stream(self._stream, path, blueprint, index=self._indexed)
-        self._stream.send_recording_name(title)
+        try:
+            self._begin(watched=watched, servos=servos, on_stand=on_stand)
+        except BaseException:  # Ctrl-C, too
+            self.discard()
+            raise
+
+    def _begin(self, *, watched: bool, servos: bool, on_stand: bool) -> None:
+        rr, robot, plan = load_rerun(), self._subject.robot, self._subject.plan
+        self._stream = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
+        blueprint = make_blueprint(
+            robot, plan.heading_rad, self._subject.floor, watched=watched, servos=servos
+        )
+        save_stream(self._stream, self.path, blueprint, index=self._indexed)
+        self._stream.send_recording_name(self._title)
         # It allows an export without the robot's file.
         values = rr.AnyValues(name=robot.name, model=robot_to_json(robot), on_stand=on_stand)
         self._stream.send_property("robot", values)
         send_scene(self._stream, self._subject, servos=servos)
         self._send_summary(None, {})
-        flush(self._stream, path)  # a truncated file has its robot and scene all the same
+        flush(self._stream, self.path)  # a truncated file has its robot and scene all the same
 
     def __enter__(self) -> Self:
         return self
@@ -146,9 +157,9 @@ class Recording:
             disconnect(stream)
 
     def discard(self) -> None:
-        """Close and delete the file."""
-        self.close()
+        """Delete and close the file; in this order, because closing takes time, and Ctrl-C may end it."""
         self.path.unlink(missing_ok=True)
+        self.close()
 
     def _send_summary(self, result: TrialResult | None, facts: Mapping[str, Any]) -> None:
         text = make_markdown(self._title, self._subject, result, self._tally.share, facts)

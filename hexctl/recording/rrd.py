@@ -227,7 +227,9 @@ def _unwritable(path: Path, error: OSError) -> InputError:
             f"({argument('record')}), or not at all ({argument('no_record')})"
         )
     reason = file_instead(path.parent) or error.strerror
-    return InputError(f"recording: {path} cannot be written ({reason}); allowed: a new file")
+    return InputError(
+        f"recording: {path} cannot be written ({reason}); allowed: a new file in a writable folder"
+    )
 
 
 def _check_room(file: BinaryIO, path: Path) -> None:

@@ -105,6 +105,9 @@ def test_with_certificates_controllers_command_and_viewers_look(tmp_path: Path) 
         assert hexctl(*walk, *here, str(keys)).returncode == 0
         status = hexctl("status", "--json", *here, str(keys / "viewer"))
         assert json.loads(status.stdout)["secured"] is True
+        lines = hexctl("status", *here, str(keys / "viewer")).stdout.splitlines()
+        assert ["controller", "none"] in [line.split() for line in lines]
+        assert lines == [line.rstrip() for line in lines]
         for command in (walk, ("estop",)):
             refused = hexctl(*command, *here, str(keys / "viewer"))
             assert refused.returncode == 2

@@ -140,6 +140,18 @@ def test_a_place_that_is_taken_is_refused_and_kept(trial: Trial, tmp_path: Path)
     assert path.read_bytes() == b"precious"
 
 
+def test_an_interrupt_during_the_beginning_leaves_no_file(
+    trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "send_scene", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        Recording(tmp_path / "trial.rrd", trial.robot, trial.plan, title="interrupted")
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_recording_that_is_deleted_meanwhile_is_reported_at_the_end(trial: Trial, tmp_path: Path) -> None:
     path = tmp_path / "runs" / "trial.rrd"
     with Recording(path, trial.robot, trial.plan, title="deleted") as recording:

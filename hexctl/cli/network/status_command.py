@@ -49,8 +49,6 @@ def status(
     as_json: JsonOption = False,
 ) -> None:
     """Show who commands a robot on the network, why it is stopped, and which messages were dropped."""
-    from rich.console import Console
-
     from hexctl.client.remote import remote_robots
 
     if watch and as_json:
@@ -63,7 +61,7 @@ def status(
         elif as_json:
             print_result(statuses[0])
         else:
-            Console(markup=False, emoji=False).print(status_table(statuses, robots.link.clear_command))
+            print_result(status_table(statuses, robots.link.clear_command))
 
 
 def _watch(robots: "RemoteRobots") -> None:
@@ -79,7 +77,7 @@ def _watch(robots: "RemoteRobots") -> None:
             if live is not None:
                 live.update(shown, refresh=True)
             else:
-                console.print(shown)
+                print_result(shown)
             time.sleep(WATCH_PERIOD_S)
 
 
