@@ -96,16 +96,15 @@ test: $(INSTALLED)
 test-all: export HYPOTHESIS_PROFILE = thorough
 test-all: test test-slow test-long
 
-# What computes fills the cores; what keeps time comes afterwards, with no more tests at a time than cores: with
-# more, threads without real-time priority wait up to 0.2 s, after which robots stop.
+# Tests that compute fill the cores. Tests that keep time come afterwards, four at a time: they mostly wait.
 test-slow: $(INSTALLED)
 	$(call lane,$(WORKERS),slow and not realtime and not long)
-	$(call lane,$(WORKERS),realtime and not long)
+	$(call lane,4,realtime and not long)
 
 # What CI runs: `test` and `test-slow`, with one start of the processes that compute.
 ci: $(INSTALLED)
 	$(call linted,$(call lane,$(WORKERS),not realtime and not long))
-	$(call lane,$(WORKERS),realtime and not long)
+	$(call lane,4,realtime and not long)
 
 test-long: $(INSTALLED)
 	$(call lane,$(WORKERS),long and not realtime)

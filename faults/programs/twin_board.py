@@ -11,6 +11,7 @@ import socket
 import sys
 import threading
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ import numpy as np
 from faults.process import free_port
 from faults.programs.truth import TOLD
 from faults.programs.twin import TwinServos
-from hexctl.backends.clock import PERIOD_S, request_realtime_priority
+from hexctl.backends.clock import PERIOD_S, realtime_priority
 from hexctl.backends.mavlink.mavlink_transport import open_port, parse_port
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.bus_map import bus_map_of
@@ -152,12 +153,13 @@ def main(backend: str, robot_file: str, folder: str) -> None:
     over = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: over.set())
     board, place = made_board(backend, Path(robot_file), Path(folder))
+    with ExitStack() as priority:
 
-    def ready() -> None:
-        request_realtime_priority()
-        print(f"board at {place}", flush=True)
+        def ready() -> None:
+            priority.enter_context(realtime_priority())
+            print(f"board at {place}", flush=True)
 
-    board.run(over.is_set, ready=ready)
+        board.run(over.is_set, ready=ready)
 
 
 if __name__ == "__main__":

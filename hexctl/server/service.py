@@ -2,14 +2,14 @@
 
 import resource
 from collections.abc import Callable
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hexctl.backends.base import LegServos
-from hexctl.backends.clock import request_realtime_priority
+from hexctl.backends.clock import realtime_priority
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.ticked_servos import PortServos
 from hexctl.errors import InputError, argument
@@ -104,6 +104,7 @@ class RobotService(ServeOptions):
             nonlocal held
             if not stop_requested():
                 return False
+            priority.close()  # the end may take long, and keeps no time
             held = isinstance(servos, PortServos) and servos.holds
             if keeper is not None:
                 keeper.goodbye()
@@ -115,12 +116,12 @@ class RobotService(ServeOptions):
                     robot=servos.robot.name,
                     backend=self.backend,
                     place=link.endpoint,
-                    realtime=request_realtime_priority(),
+                    realtime=priority.enter_context(realtime_priority()),
                     warnings=self._warnings(link) + stop_file.warnings + server.warnings,
                 )
             )
 
-        with keeper or nullcontext():
+        with keeper or nullcontext(), ExitStack() as priority:
             server.run(stop, ready=ready)
         if held:
             on_event(STILL_HOLDS if server.reaches_servos else NOT_KNOWN)

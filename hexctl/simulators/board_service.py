@@ -1,12 +1,13 @@
 """Simulated servo boards and buses as a service, without output or signals."""
 
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from hexctl.backends.base import LegServos
-from hexctl.backends.clock import request_realtime_priority
+from hexctl.backends.clock import realtime_priority
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.errors import InputError, argument
 from hexctl.options import RARE, Panel, Range, Typed, check_used
@@ -137,10 +138,12 @@ class BoardService(ServedOptions):
         board, place = make(servos, options)
         started = ServiceStarted(robot=servos.robot.name, backend=self.backend, place=place)
 
-        def ready() -> None:  # real-time priority, now that what takes long is done
-            on_started(replace(started, realtime=request_realtime_priority()))
+        with ExitStack() as priority:
 
-        board.run(stop_requested, ready=ready)
+            def ready() -> None:  # real-time priority, now that what takes long is done
+                on_started(replace(started, realtime=priority.enter_context(realtime_priority())))
+
+            board.run(stop_requested, ready=ready)
         return board.report()
 
     def _mavlink(self, servos: LegServos, options: BackendOptions) -> "tuple[ServoBoard, str]":

@@ -3,6 +3,8 @@
 import json
 import signal
 import socket
+import subprocess
+import sys
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -52,6 +54,30 @@ def test_own_servos_that_raise_end_it_as_a_fault_in_one_line(
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     (*_, line) = call("serve --backend", RECORDED, "--listen", endpoint, code=3).err.splitlines()
     assert line.endswith(f"Driver.{method} raised ZeroDivisionError: no such register")
+
+
+#: A robot and a board that end at once, in a process in which real-time priority may be granted.
+ENDS = """
+import os, sys
+from hexctl.server.service import RobotService
+from hexctl.simulators.board_service import BoardService
+
+def has_priority():
+    return os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO
+
+for service in RobotService(backend="mock", listen=sys.argv[1]), BoardService(backend="mock", bus="feetech"):
+    during = []
+    service.run(lambda: bool(during), on_started=lambda told: during.append((told.realtime, has_priority())))
+    ((granted, held),) = during
+    assert held is granted
+    assert not has_priority()
+"""
+
+
+@pytest.mark.realtime
+def test_real_time_priority_ends_with_the_loop() -> None:
+    """A process that ends would keep others from a processor for a fifth of a second."""
+    subprocess.run([sys.executable, "-c", ENDS, f"tcp/127.0.0.1:{free_port()}"], check=True)
 
 
 @pytest.mark.realtime
