@@ -219,7 +219,7 @@ class LongestWait:
     The threads of a link have no such priority: real-time loops on the same processor may delay them.
 
     Attributes:
-        longest_s: greatest lateness so far.
+        longest_s: maximum lateness so far.
     """
 
     def __init__(self) -> None:

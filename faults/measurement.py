@@ -23,7 +23,8 @@ LAST_S, GOES_ON_RAD = 0.3, 0.05
 #: What the machine may add to the period of a twin: beyond, times are the machine's.
 PUNCTUAL_S = 0.02
 
-#: Greatest lateness of a link's thread with which a time counts: half the silence after which a guard stops.
+#: Limit on the lateness of a link's thread: half of the silence after which a guard stops. Times above it do
+#: not count.
 MOST_WAIT_S = EXPIRY_S / 2
 
 #: A step is too large beyond what a joint may turn and rounding of the servos' counts.
@@ -60,7 +61,7 @@ class Outcome:
         lost: of these, missing in the store.
         goes_on: whether a joint moved at the end.
         late_s: by how much the twin was late at most, which is the machine's doing.
-        waited_s: greatest lateness of a thread without real-time priority, such as those of a link.
+        waited_s: maximum lateness of a thread without real-time priority, such as those of a link.
         commit: of the code that was measured, empty where it is not known.
     """
 

@@ -56,10 +56,11 @@ def printable_lines(text: str) -> str:
     return "\n".join(map(printable, text.split("\n")))
 
 
-def print_result(*parts: "RenderableType | JsonValue") -> None:
+def print_result(*parts: "RenderableType | JsonValue") -> bool:
     """Print on stdout: texts as they are, tables as wide as the terminal, objects and arrays as JSON.
 
-    A closed pipe is ignored. Raises RobotFaultError when the result cannot be written, as on a full disk.
+    Returns False for a closed pipe. Raises RobotFaultError when the result cannot be written, as on a full
+    disk.
     """
     text = "\n".join(map(_text, parts))
     try:
@@ -67,9 +68,11 @@ def print_result(*parts: "RenderableType | JsonValue") -> None:
         sys.stdout.flush()
     except BrokenPipeError:
         discard_stdout()
+        return False
     except OSError as error:
         discard_stdout()
         raise RobotFaultError(f"the result cannot be printed: {error.strerror}") from error
+    return True
 
 
 def _text(part: "RenderableType | JsonValue") -> str:

@@ -142,13 +142,13 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
     check_name(path)
     columns = _Columns(path)
     times_ns, joints_rad = _joints(columns, path)
-    properties = columns.properties("trial") or {"title": _title(columns)}
+    title = columns.static("__properties", "RecordingInfo:name") or [""]
     position_m, quaternion = _pose(columns)
     servos = {str(series.source): columns.samples(series) for series in SERVOS}
     return RecordedTrial(
         path=path,
         robot=robot or _robot(columns, path),
-        properties=properties,
+        properties=columns.properties("trial") or {"title": str(title[0])},
         stamps_ns=columns.times_ns(paths.WALL_TIMELINE),
         time_s=times_ns / 1e9,
         walk_s=columns.times_ns(paths.WALK_TIMELINE) / 1e9,
@@ -178,9 +178,7 @@ def _joints(columns: "_Columns", path: Path) -> tuple[Rows, FloatArray]:
     series = [columns.numbers(one.path, "Scalars:scalars", len(one.names)) for one in VECTORS]
     ticks = min(len(times_ns) for times_ns, _ in series)
     if not ticks:
-        raise InputError(
-            f"recording: {path} holds no tick of a walk; allowed: a recording of a walk that began"
-        )
+        raise InputError(f"recording: {path} has no ticks; allowed: a recording with at least one")
     times_ns = series[0][0][:ticks]
     if not all(np.array_equal(others_ns[:ticks], times_ns) for others_ns, _ in series):
         raise InputError(f"recording: {path} is damaged: its joints have different ticks")
@@ -272,10 +270,6 @@ def _robot(columns: _Columns, path: Path) -> Robot:
         raise InputError(
             f"recording: {path} does not hold its robot; allowed: --robot FILE with it"
         ) from error
-
-
-def _title(columns: _Columns) -> str:
-    return str((columns.static("__properties", "RecordingInfo:name") or [""])[0])
 
 
 def _floor_quaternion(columns: _Columns) -> FloatArray:

@@ -3,6 +3,7 @@
 import time
 import uuid
 from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -20,7 +21,7 @@ from hexctl.recording.rrd import (
     flush,
     load_rerun,
     save_stream,
-    size_of,
+    still_there,
 )
 from hexctl.recording.rrd_reader import check_end
 from hexctl.recording.scene import LEVEL, Subject, send_scene
@@ -75,10 +76,10 @@ class Recording:
             servos: whether the servos may report temperatures and voltages; adds them to the layout.
             on_stand: whether a stand holds the trunk, and no foot touches anything.
 
-        Raises InputError for a file that exists or cannot be written, MissingExtraError without Rerun. An
-        incomplete beginning is deleted.
+        Raises InputError for a file that exists or cannot be created, RecordingError if its beginning cannot
+        be written, MissingExtraError without Rerun. A file without its beginning is deleted.
         """
-        load_rerun()
+        rr = load_rerun()
         self.path = path
         self._subject = Subject(robot, plan, floor or LEVEL, meshes or {})
         self._title = title
@@ -93,32 +94,30 @@ class Recording:
         self._stream: Any = None
         check_name(path)
         create_file(path)
-        try:
-            self._begin(watched=watched, servos=servos, on_stand=on_stand)
-        except BaseException:  # Ctrl-C, too
-            self.discard()
-            raise
-
-    def _begin(self, *, watched: bool, servos: bool, on_stand: bool) -> None:
-        rr, robot, plan = load_rerun(), self._subject.robot, self._subject.plan
-        self._stream = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
-        blueprint = make_blueprint(
-            robot, plan.heading_rad, self._subject.floor, watched=watched, servos=servos
-        )
-        save_stream(self._stream, self.path, blueprint, index=self._indexed)
-        self._stream.send_recording_name(self._title)
-        # It allows an export without the robot's file.
-        values = rr.AnyValues(name=robot.name, model=robot_to_json(robot), on_stand=on_stand)
-        self._stream.send_property("robot", values)
-        send_scene(self._stream, self._subject, servos=servos)
-        self._send_summary(None, {})
-        flush(self._stream, self.path)  # a truncated file has its robot and scene all the same
+        with ExitStack() as undo:  # at Ctrl-C, too
+            undo.callback(self.discard)
+            self._stream = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
+            floor = self._subject.floor
+            blueprint = make_blueprint(robot, plan.heading_rad, floor, watched=watched, servos=servos)
+            save_stream(self._stream, path, blueprint, index=self._indexed)
+            self._stream.send_recording_name(title)
+            # It allows an export without the robot's file.
+            values = rr.AnyValues(name=robot.name, model=robot_to_json(robot), on_stand=on_stand)
+            self._stream.send_property("robot", values)
+            send_scene(self._stream, self._subject, servos=servos)
+            self._send_summary(None, {})
+            flush(self._stream, path)  # a truncated file has its robot and scene all the same
+            undo.pop_all()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        """Close the file; one without a tick is deleted."""
+        if self._due:
+            self.close()
+        else:
+            self.discard()
 
     def write_block(self, log: TickLog, start: int, stop: int) -> None:
         """Add the next rows [start, stop) of a log; due rows are written one part per call."""
@@ -139,7 +138,8 @@ class Recording:
         rr = load_rerun()
         self._write_all()
         flush(self._stream, self.path)
-        written = size_of(self.path)
+        with still_there(self.path):
+            written = self.path.stat().st_size
         self._send_summary(result, facts)
         properties = make_properties(self._title, self._subject, result, self._tally.share, facts)
         self._stream.send_property("trial", rr.AnyValues(**properties))
@@ -157,8 +157,9 @@ class Recording:
             disconnect(stream)
 
     def discard(self) -> None:
-        """Delete and close the file; in this order, because closing takes time, and Ctrl-C may end it."""
-        self.path.unlink(missing_ok=True)
+        """Delete the file, then close it: closing takes time, and Ctrl-C may interrupt it."""
+        with suppress(OSError):
+            self.path.unlink()
         self.close()
 
     def _send_summary(self, result: TrialResult | None, facts: Mapping[str, Any]) -> None:

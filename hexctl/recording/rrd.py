@@ -27,7 +27,6 @@ FULL_TIMEOUT_S = 5.0
 #: Less free space than this is nearly full: Rerun writes no more at a time.
 FULL_BYTES = 4 * 1024 * 1024
 
-
 #: Filter of Rerun's messages, read at its import; and its file writer, which warns prematurely.
 LOG_VARIABLE, SINK = "RUST_LOG", "re_log_encoding::rrd::file_sink"
 
@@ -146,12 +145,6 @@ def still_there(path: Path) -> Iterator[None]:
         raise RecordingError(f"{path}: the recording cannot be read ({error.strerror})") from error
 
 
-def size_of(path: Path) -> int:
-    """Bytes of a recording during writing; raises RecordingError if it was deleted."""
-    with still_there(path):
-        return path.stat().st_size
-
-
 def disconnect(stream: Any) -> None:
     """Close a stream, which may lose unflushed data, and free closed ones."""
     _bounded(stream.disconnect, FULL_TIMEOUT_S if stuck() else FLUSH_TIMEOUT_S)
@@ -227,9 +220,7 @@ def _unwritable(path: Path, error: OSError) -> InputError:
             f"({argument('record')}), or not at all ({argument('no_record')})"
         )
     reason = file_instead(path.parent) or error.strerror
-    return InputError(
-        f"recording: {path} cannot be written ({reason}); allowed: a new file in a writable folder"
-    )
+    return InputError(f"recording: {path} cannot be written ({reason}); allowed: a new file")
 
 
 def _check_room(file: BinaryIO, path: Path) -> None:

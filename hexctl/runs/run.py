@@ -217,8 +217,9 @@ class Run:
             )
         finally:
             if recording is not None and not len(log):
+                self._recording = None
                 recording.discard()
-                recording = self._recording = None
+                recording = None
         outcome = self._outcome(trial, log, time.perf_counter() - began_s)
         error = kept.error_of(recording)
         if recording is not None and error is None:

@@ -133,6 +133,7 @@ def test_with_certificates_controllers_command_and_viewers_look(tmp_path: Path) 
         assert json.loads(status.stdout)["secured"] is True
         lines = hexctl("status", *here, str(keys / "viewer")).stdout.splitlines()
         assert ["controller", "none"] in [line.split() for line in lines]
+        assert max(map(len, lines)) > 80, "in a pipe no line is wrapped"
         assert lines == [line.rstrip() for line in lines]
         for command in (walk, ("estop",)):
             refused = hexctl(*command, *here, str(keys / "viewer"))

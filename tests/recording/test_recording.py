@@ -140,6 +140,12 @@ def test_a_place_that_is_taken_is_refused_and_kept(trial: Trial, tmp_path: Path)
     assert path.read_bytes() == b"precious"
 
 
+def test_a_recording_without_a_tick_leaves_no_file(trial: Trial, tmp_path: Path) -> None:
+    with Recording(tmp_path / "trial.rrd", trial.robot, trial.plan, title="nothing") as recording:
+        assert recording.path.exists()
+    assert not list(tmp_path.iterdir())
+
+
 def test_an_interrupt_during_the_beginning_leaves_no_file(
     trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -76,8 +76,8 @@ def _watch(robots: "RemoteRobots") -> None:
             shown = status_table(statuses, robots.link.clear_command) if statuses else "the robot is silent"
             if live is not None:
                 live.update(shown, refresh=True)
-            else:
-                print_result(shown)
+            elif not print_result(shown):
+                return
             time.sleep(WATCH_PERIOD_S)
 
 

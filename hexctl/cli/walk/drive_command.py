@@ -1,9 +1,8 @@
 """`hexctl drive`: drive a robot by hand."""
 
 import shlex
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
-from pathlib import Path
+from collections.abc import Sequence
+from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -66,8 +65,8 @@ def drive(
     if options.backend == "sim":
         where["realtime"] = True
     with ExitStack() as stack:
-        keep = stack.enter_context(_kept_once_driven(options.record))
         shown = _recorders(stack, options, failures, view=view)
+        recorders = Recorders(*shown, block_ticks=PACED_BLOCK_TICKS) if shown else None
         made = Drive(
             options.robot,
             backend=options.backend,
@@ -78,26 +77,14 @@ def drive(
             level=options.level,
             feet=options.feet,
             failure=(*failures, *events),
-            recorders=Recorders(*shown, block_ticks=PACED_BLOCK_TICKS) if shown else None,
+            recorders=recorders,
             **where,
         )
-        code = _drive(stack, made, options, keep)
-        if options.record is not None:
+        code = _drive(stack, made, options)
+        if options.record is not None and recorders is not None and len(recorders.log):
             looked = shlex.quote(str(options.record))
             _say(f"hexctl: recorded in {options.record}; look at it with: hexctl view {looked}")
         raise typer.Exit(code)
-
-
-@contextmanager
-def _kept_once_driven(record: Path | None) -> Iterator[Callable[[], None]]:
-    """Remove a new recording at the end, unless the yielded function was called: nothing was driven then."""
-    before = record is None or record.exists()
-    driven: list[bool] = []
-    try:
-        yield lambda: driven.append(True)
-    finally:
-        if record is not None and not before and not driven:
-            record.unlink(missing_ok=True)
 
 
 def _why(drive: "Drive", stopped: str) -> str:
@@ -118,7 +105,7 @@ def _robot_stop(drive: "Drive") -> "ReadyStop | None":
     return ReadyStop(link=remote.link, stays=False)
 
 
-def _drive(stack: ExitStack, drive: "Drive", options: DriveOptions, keep: Callable[[], None]) -> int:
+def _drive(stack: ExitStack, drive: "Drive", options: DriveOptions) -> int:
     from hexctl.teleop.drive_session import DriveSession
 
     robot_stop = _robot_stop(drive)
@@ -133,7 +120,6 @@ def _drive(stack: ExitStack, drive: "Drive", options: DriveOptions, keep: Callab
     try:
         with ExitStack() as opened:
             devices = open_devices(opened, session, options, terminal=has_keys(), say=print_note)
-            keep()
             with realtime_priority():
                 why = session.run(devices, interrupt.requested)
         if interrupt.terminal_gone:

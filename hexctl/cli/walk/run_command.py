@@ -220,10 +220,10 @@ class _WalkProgress(WithBar):
         """Line about an interrupt that is no soft stop, with the recording."""
         path = None if self.run is None else self.run.recording_path
         parts = [f"interrupted {self.moment}"]
-        if path is not None:
-            parts.append(f"; recorded{'' if self.moment == AFTER else ' until then'}: {path}")
-        elif self.moment == BEFORE:
+        if self.moment == BEFORE:
             parts.append(": nothing was recorded")
+        elif path is not None:
+            parts.append(f"; recorded{'' if self.moment == AFTER else ' until then'}: {path}")
         if self.moment == DURING and self.run is not None and not self.run.spec.simulated:
             parts.append(f". {NOT_CONFIRMED}")
         return "".join(parts)
