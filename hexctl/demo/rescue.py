@@ -44,10 +44,10 @@ WALK_ON, RECOVER = "walk-on", "glide"
 #: Averaging time of the speeds before the failure and at the end: three gait cycles.
 SPEED_S = 10 / 3
 
-#: The race begins a second before the failure: the recordings begin a second before the walks.
+#: The race begins a second before the failure.
 PICTURE: dict[str, Any] = {
     "captions": ("no recovery", "with recovery"),
-    "from_s": 6.4,
+    "from_s": 5.4,
     "duration_s": 8.0,
     "width_px": 720,
     "fps": 12.5,

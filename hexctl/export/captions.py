@@ -54,12 +54,16 @@ def messages_of(trial: RecordedTrial, start_s: float = 0.0) -> Iterator[Message]
         if found and found[3] in VERBS:
             broke_s[int(found[2])] = float(trial.walk_s[event.row])
             yield Message(float(film_s[event.row]), f"{found[1]} {VERBS[found[3]]}", FAILED_BADGE)
-    before_walk_s = float(trial.time_s[-1] - trial.walk_s[-1])
     for noticed in trial.noticed:
         if noticed["did"] != "walked on" and noticed["leg"] in broke_s:
             late_s = noticed["at_s"] - broke_s[noticed["leg"]]
-            at_s = noticed["at_s"] + before_walk_s - start_s
+            at_s = noticed["at_s"] + walk_begins_s(trial) - start_s
             yield Message(at_s, f"detected after {late_s:.1f} s", DETECTED_BADGE)
+
+
+def walk_begins_s(trial: RecordedTrial) -> float:
+    """Time of a recording at which the walk begins."""
+    return float(trial.time_s[-1] - trial.walk_s[-1])
 
 
 def color_changes_s(trial: RecordedTrial) -> list[float]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from hexctl.errors import InputError, MissingExtraError, argument
 from hexctl.export import race
-from hexctl.export.captions import Picture, TextBar, color_changes_s, even_pixels, messages_of
+from hexctl.export.captions import Picture, TextBar, color_changes_s, even_pixels, messages_of, walk_begins_s
 from hexctl.export.export_options import PictureOptions
 from hexctl.export.race import RaceRenderer
 from hexctl.export.recordings import OnProgress, Trials, title_of
@@ -87,8 +87,9 @@ class _OneRun:
         self._bar = TextBar(caption, width_px, list(messages_of(run)))
 
     def picture(self, time_s: float) -> Picture:
-        scene = self._renderer.draw(self._run.row_at(time_s))
-        return np.vstack([scene, self._bar.draw(time_s, f"{time_s:.1f} s")])
+        row = self._run.row_at(time_s)
+        counter = f"{self._run.walk_s[row]:.1f} s"
+        return np.vstack([self._renderer.draw(row), self._bar.draw(time_s, counter)])
 
     def moments_s(self) -> Sequence[float]:
         return [*color_changes_s(self._run), *(message.at_s for message in self._bar.messages)]
@@ -117,21 +118,23 @@ def _sample(stage: Stage, times_s: Sequence[float]) -> Picture:
 
 def _starts_s(runs: Sequence[RecordedTrial]) -> list[float]:
     """Second of each recording at which the film begins: two walks begin together."""
-    if len(runs) == 1:
-        return [0.0]
-    before_s = [float(run.time_s[-1] - run.walk_s[-1]) for run in runs]
-    return [one - min(before_s) for one in before_s]
+    walks_s = [walk_begins_s(run) for run in runs]
+    return [walk_s - min(walks_s) for walk_s in walks_s]
 
 
 def _times_s(runs: Sequence[RecordedTrial], options: PictureOptions, fps: float) -> list[float]:
     whole_s = max(float(run.time_s[-1]) - start_s for run, start_s in zip(runs, _starts_s(runs), strict=True))
-    from_s = options.from_s or 0.0
-    if from_s >= whole_s:
-        raise InputError(f"{argument('from_s')}: got {from_s:g}; allowed: below {whole_s:g}")
-    length_s = whole_s - from_s
+    begins_s = 0.0
+    if options.from_s is not None:
+        walk_s = min(walk_begins_s(run) for run in runs)
+        begins_s = walk_s + options.from_s
+        if begins_s >= whole_s:
+            allowed = f"below {whole_s - walk_s:g}"
+            raise InputError(f"{argument('from_s')}: got {options.from_s:g}; allowed: {allowed}")
+    length_s = whole_s - begins_s
     if options.duration_s is not None:
         length_s = min(length_s, options.duration_s)
-    return [from_s + index / fps for index in range(max(1, round(length_s * fps)))]
+    return [begins_s + index / fps for index in range(max(1, round(length_s * fps)))]
 
 
 def _write_gif(path: Path, pictures: Iterator[Picture], sample: Picture, fps: float) -> None:
