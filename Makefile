@@ -97,14 +97,16 @@ test-all: export HYPOTHESIS_PROFILE = thorough
 test-all: test test-slow test-long
 
 # Tests that compute fill the cores. Tests that keep time come afterwards, four at a time: they mostly wait.
+realtime_lane = $(call lane,4,realtime and not long)
+
 test-slow: $(INSTALLED)
 	$(call lane,$(WORKERS),slow and not realtime and not long)
-	$(call lane,4,realtime and not long)
+	$(realtime_lane)
 
 # What CI runs: `test` and `test-slow`, with one start of the processes that compute.
 ci: $(INSTALLED)
 	$(call linted,$(call lane,$(WORKERS),not realtime and not long))
-	$(call lane,4,realtime and not long)
+	$(realtime_lane)
 
 test-long: $(INSTALLED)
 	$(call lane,$(WORKERS),long and not realtime)
