@@ -44,7 +44,7 @@ WALK_ON, RECOVER = "walk-on", "glide"
 #: Averaging time of the speeds before the failure and at the end: three gait cycles.
 SPEED_S = 10 / 3
 
-#: The race begins a second before the failure.
+#: The race begins just before the failure.
 PICTURE: dict[str, Any] = {
     "captions": ("no recovery", "with recovery"),
     "from_s": 5.4,

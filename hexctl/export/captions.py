@@ -62,8 +62,8 @@ def messages_of(trial: RecordedTrial, start_s: float = 0.0) -> Iterator[Message]
 
 
 def walk_begins_s(trial: RecordedTrial) -> float:
-    """Time of a recording at which the walk begins."""
-    return float(trial.time_s[-1] - trial.walk_s[-1])
+    """Time of a recording at which the walk begins; 0 without a walk."""
+    return float(trial.time_s[-1] - trial.walk_s[-1]) if trial.walk_s[-1] > 0 else 0.0
 
 
 def color_changes_s(trial: RecordedTrial) -> list[float]:

@@ -39,7 +39,7 @@ class PictureOptions:
     """Pictures per second, {}. (default: 20 in a GIF, 50 in an MP4)"""
 
     from_s: Annotated[float | None, SECOND_S] = None
-    """Second of the walk at which it begins, {}, as in results. (default: the first tick, before the walk)"""
+    """Start at this second of the walk, {}. (default: start of the recording)"""
 
     duration_s: Annotated[float | None, DURATION_S] = None
     """Seconds of the recording that it shows, {}. (default: all)"""

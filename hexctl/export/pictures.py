@@ -88,7 +88,7 @@ class _OneRun:
 
     def picture(self, time_s: float) -> Picture:
         row = self._run.row_at(time_s)
-        counter = f"{self._run.walk_s[row]:.1f} s"
+        counter = f"{max(0.0, self._run.time_s[row] - walk_begins_s(self._run)):.1f} s"
         return np.vstack([self._renderer.draw(row), self._bar.draw(time_s, counter)])
 
     def moments_s(self) -> Sequence[float]:

@@ -66,6 +66,10 @@ def test_a_part_of_the_walk(walk: RecordedTrial, tmp_path: Path, drawn: Any) -> 
     assert walk.walk_s[sorted(set(drawn.rows))] == pytest.approx([1.0, 1.1, 1.2, 1.3, 1.4])
     with pytest.raises(InputError, match="from_s"):
         write(tmp_path / "b.gif", walk, from_s=99.0)
+    drawn.rows.clear()
+    unwalked = replace(walk, walk_s=np.zeros_like(walk.walk_s))
+    write(tmp_path / "c.gif", unwalked, from_s=0.0, duration_s=0.5, fps=10, width_px=64)
+    assert min(drawn.rows) == 0, "without a walk the recording counts"
 
 
 @pytest.mark.usefixtures("drawn")
@@ -83,7 +87,7 @@ def test_a_film_of_one_walk_shows_the_time_and_marks_the_failure(walk: RecordedT
     marked = [int((np.abs(bar - FAILED_BADGE).max(axis=-1) < 12).sum()) for bar in bars]
     assert marked[0] == 0 < 100 < marked[1]
     counters = [bar[:, 270:] for bar in bars]
-    assert (counters[0] == counters[1]).all(), "0.0 s until the walk begins, as in results"
+    assert (counters[0] == counters[1]).all(), "the counter stays at 0.0 s until the walk begins"
     assert (counters[1] != counters[2]).any()
 
 
