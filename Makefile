@@ -1,23 +1,13 @@
-# Everything below sets up .venv first: make and Python 3.11 or 3.12 are all it needs. For others labmaze, which
-# dm_control depends on, has no wheels.
+# Everything below sets up .venv first: make and Python 3.11 to 3.14 are all it needs.
+EXPLICIT_PYTHON := $(if $(filter-out undefined,$(origin PYTHON)),--explicit-python)
 ifndef PYTHON
-PYTHON := $(shell for python in python3 python3.12 python3.11; do \
-	$$python -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 13))' 2>/dev/null && \
+PYTHON := $(shell for python in python3 python3.14 python3.13 python3.12 python3.11; do \
+	$$python -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 15))' 2>/dev/null && \
 	echo $$python && break; done)
 endif
 VENV := .venv
 BIN := $(VENV)/bin
-COMMA := ,
-# What hexctl needs to walk and to show it; and with the tools of development on top. Modules are compiled at their
-# first import: most of them are never imported.
-RUNNABLE := $(VENV)/.runnable
-INSTALLED := $(VENV)/.installed
-PIP := $(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt
-# What pip does as one line on a terminal, and else nothing but its errors. pipefail keeps pip's status.
 SHELL := /bin/bash
-COUNTED := awk -v shown="$$(test -t 2 && echo 1)" 'function show(text) {if (shown) {printf "\r%-50s", text; fflush()}} \
-	/^Collecting/ {show("found " ++n " packages")} \
-	/^Installing/ {show("installing " gsub(/, /, ", ") + 1 " packages, half a minute")} END {if (shown) print ""}' >&2
 
 WORKERS ?= $(shell $(PYTHON) -c 'import os; print(os.cpu_count() or 2)')
 
@@ -26,7 +16,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # No display is needed or looked for; set MUJOCO_GL yourself to render.
 export MUJOCO_GL ?= disable
 
-.PHONY: help setup demo docs check ci test test-all test-slow test-long lint smoke dist bench faults pictures soak fuzz clean
+.PHONY: help runnable setup demo docs check ci test test-all test-slow test-long lint smoke dist bench faults pictures soak fuzz clean
 
 help:
 	@echo "make demo   a hexapod loses a leg in mid-walk and recovers, in simulation"
@@ -43,32 +33,26 @@ help:
 	@echo "make docs   the documentation as a site, in build/site"
 	@echo "make clean  remove what the others made, recordings excepted"
 
-setup: $(INSTALLED)
-
-# What is installed in the environment, which is made where there is none.
-define install
-	@test -n "$(PYTHON)" || { echo "the simulation needs Python 3.11 or 3.12, and there is neither; with its \
-	place: make PYTHON=/path/to/python3.12"; exit 1; }
-	@echo "setting up $(VENV), which takes a minute or two"
-	$(PYTHON) -m venv $(VENV)
-	@set -o pipefail; $(PIP) --no-compile -e ".[$1]" | $(COUNTED)
+# What hexctl needs to walk and to show it; and with the tools of development on top.
+define environment
+	@test -n "$(PYTHON)" || { echo "hexctl needs Python 3.11 to 3.14, and none is on the path; with its \
+	place: make PYTHON=/path/to/python3.13"; exit 1; }
+	@$(PYTHON) environment.py $(EXPLICIT_PYTHON) "$(VENV)" $1
 endef
 
-$(RUNNABLE): pyproject.toml constraints.txt
-	$(call install,demo)
-	touch $@
+runnable:
+	$(call environment,demo)
+
+setup:
+	$(call environment,all dev)
 
 # Two of them at a time would spoil one another.
 .NOTPARALLEL:
 
-$(INSTALLED): pyproject.toml constraints.txt
-	$(call install,all$(COMMA)dev)
-	touch $(RUNNABLE) $@
-
-demo: $(RUNNABLE)
+demo: runnable
 	$(BIN)/hexctl demo
 
-lint: $(INSTALLED)
+lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -86,10 +70,10 @@ define linted
 endef
 
 # Since main, or since the last commit on main itself.
-check: $(INSTALLED)
+check: setup
 	$(call linted,$(BIN)/python -m tests.changed)
 
-test: $(INSTALLED)
+test: setup
 	$(call linted,$(call lane,$(WORKERS),not realtime and not slow and not long))
 
 # Everything, and four times the examples of each property.
@@ -99,16 +83,16 @@ test-all: test test-slow test-long
 # Tests that compute fill the cores. Tests that keep time come afterwards, four at a time: they mostly wait.
 realtime_lane = $(call lane,4,realtime and not long)
 
-test-slow: $(INSTALLED)
+test-slow: setup
 	$(call lane,$(WORKERS),slow and not realtime and not long)
 	$(realtime_lane)
 
 # What CI runs: `test` and `test-slow`, with one start of the processes that compute.
-ci: $(INSTALLED)
+ci: setup
 	$(call linted,$(call lane,$(WORKERS),not realtime and not long))
 	$(realtime_lane)
 
-test-long: $(INSTALLED)
+test-long: setup
 	$(call lane,$(WORKERS),long and not realtime)
 	$(call lane,$(WORKERS),long and realtime)
 
@@ -137,29 +121,29 @@ dist:
 		empty/bin/hexctl run --backend mock --no-record --duration 0.2) || exit 1; \
 	done
 
-bench: $(INSTALLED)
+bench: setup
 	$(BIN)/python -m benchmarks
 
 # Adds to faults/injections.jsonl; tables and figure of docs/results/fault-matrix.md are made from it.
 REPETITIONS ?= 3
-faults: $(INSTALLED)
+faults: setup
 	$(BIN)/python -m faults --repetitions $(REPETITIONS)
 
 # Needs a screen that nobody sees, and says which packages that takes.
-pictures: $(INSTALLED)
+pictures: setup
 	$(BIN)/python -m pictures
 
-soak: $(INSTALLED)
+soak: setup
 	$(BIN)/pytest -m soak
 
 # Whichever of both is over first ends a decoder; all of them take up to 80 minutes.
 INPUTS ?= 1000000
 SECONDS ?= 60
-fuzz: $(INSTALLED)
-	$(PIP) --quiet -e ".[fuzz]"
+fuzz: setup
+	$(call environment,fuzz)
 	$(BIN)/python -m tests.fuzz --inputs $(INPUTS) --seconds $(SECONDS)
 
-docs: $(INSTALLED)
+docs: setup
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 clean:

@@ -2,7 +2,6 @@
 
 import errno
 import re
-import sys
 from collections.abc import Callable
 from numbers import Integral, Real
 from reprlib import Repr
@@ -92,21 +91,12 @@ class WrongTypeError(InputError, TypeError):
     """A value of an invalid type."""
 
 
-#: Extras with dm_control, and the first Python without wheels of its dependency labmaze.
-SIMULATING_EXTRAS, NO_SIMULATION_FROM = ("sim", "study", "demo", "all"), (3, 13)
-
-
-def install_command(extra: str) -> str:
-    """Command that installs an extra, with another Python if necessary."""
-    command = f'pip install ".[{extra}]" in the repository'
-    elsewhere = extra in SIMULATING_EXTRAS and sys.version_info >= NO_SIMULATION_FROM
-    return f"{command} with Python 3.11 or 3.12" if elsewhere else command
-
-
 class MissingExtraError(HexctlError, ImportError):
     """A missing optional part of hexctl."""
 
     def __init__(self, what: str, extra: str) -> None:
+        from hexctl.installation import install_command
+
         super().__init__(f'{what} needs the "{extra}" extra: {install_command(extra)}')
         self._what, self._extra = what, extra
 

@@ -36,7 +36,7 @@ def test_every_error_travels_with_its_text(error: HexctlError) -> None:
     there = pickle.loads(pickle.dumps(error))  # noqa: S301
     assert type(there) is type(error)
     assert str(there) == str(error)
-    assert "one line" in str(error) or str(error).startswith('the simulation needs the "sim" extra: pip ')
+    assert "one line" in str(error) or "[sim]" in str(error)
 
 
 def test_an_argument_in_a_message_is_shown_as_the_reader_gives_it() -> None:
@@ -95,17 +95,6 @@ def test_a_message_is_one_printable_line_whatever_its_values_hold() -> None:
     assert str(error) == "robot: got a\\nb\\x1b[31m\\udcff\\x00é; allowed: none"
     assert error.worded(str.upper).startswith("ROBOT: got a")
     str(error).encode("utf-8")
-
-
-@pytest.mark.parametrize(
-    ("version", "extra", "elsewhere"),
-    [((3, 12), "sim", False), ((3, 13), "sim", True), ((3, 13), "i2c", False)],
-)
-def test_a_python_without_simulation_is_sent_to_another_one(
-    monkeypatch: pytest.MonkeyPatch, version: tuple[int, int], extra: str, elsewhere: bool
-) -> None:
-    monkeypatch.setattr("sys.version_info", version)
-    assert ("Python 3.11 or 3.12" in str(MissingExtraError("it", extra))) == elsewhere
 
 
 @pytest.mark.parametrize("code", [0x1B, 0x61C, 0x202E, 0xD800])

@@ -77,7 +77,8 @@ def test_an_import_loads_nothing_heavy() -> None:
 def test_a_missing_extra_is_named(module: str, name: str, extra: str) -> None:
     code = f"import sys; sys.modules[{module!r}] = None\nimport hexctl\ntry: hexctl.{name}\n"
     said = python(f"{code}except ImportError as error: print(error)")
-    assert said == f'hexctl.{name} needs the "{extra}" extra: pip install ".[{extra}]" in the repository'
+    assert said.startswith(f'hexctl.{name} needs the "{extra}" extra: ')
+    assert f"[{extra}]" in said
 
 
 def test_an_unknown_name_is_answered_with_the_known_ones() -> None:

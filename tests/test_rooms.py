@@ -6,7 +6,7 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
-    "": 2_130,
+    "": 2_190,
     "adapt": 7_820,
     "backends": 10_130,
     "cli": 6_890,

@@ -15,8 +15,8 @@ from hexctl.doctor.connections import Connections, Device, read_connections
 from hexctl.doctor.machine import WALK_MB, Drawing, Machine, read_drawing, read_machine
 from hexctl.doctor.packages import Packages, read_packages
 from hexctl.doctor.settings_check import SettingsFound, no_option, read_settings_found
-from hexctl.errors import install_command
 from hexctl.export.render import RENDERERS
+from hexctl.installation import install_command
 
 #: Packages that each use needs, and the extra that installs them.
 USES: dict[str, tuple[str, tuple[str, ...]]] = {

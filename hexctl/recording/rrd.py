@@ -226,8 +226,9 @@ def _unwritable(path: Path, error: OSError) -> InputError:
 def _check_room(file: BinaryIO, path: Path) -> None:
     """Raise OSError if the disk has no room for the start of a recording; a failed file is removed."""
     try:
-        os.posix_fallocate(file.fileno(), 0, ROOM_BYTES)
-        file.truncate(0)
+        file.write(bytes(ROOM_BYTES))
+        file.flush()
+        os.ftruncate(file.fileno(), 0)
     except BaseException:  # Ctrl-C, too
         path.unlink()
         raise

@@ -285,7 +285,7 @@ def test_a_probe_that_is_interrupted_leaves_nothing_behind(
     def interrupt(*_: int) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("os.posix_fallocate", interrupt)
+    monkeypatch.setattr("os.ftruncate", interrupt)
     with pytest.raises(KeyboardInterrupt):
         probe_file(tmp_path / "folder" / "walk.rrd")
     assert not list(tmp_path.iterdir())

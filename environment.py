@@ -1,0 +1,216 @@
+"""Sets up the virtual environment of make: `python environment.py .venv demo` installs that extra, editable.
+
+An environment that is right is kept. One that is half made or was moved is made again, and a copy of the code
+is replaced by the checkout. It needs nothing but Python, and starts on versions that are too old, to say so.
+"""
+
+from __future__ import annotations
+
+import argparse
+import fcntl
+import hashlib
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+OLDEST, NEWEST = (3, 11), (3, 14)
+#: The first Python without wheels of labmaze, which dm_control asks for and hexctl does not use.
+WITHOUT_LABMAZE = (3, 13)
+#: The next step after the name of a setting of make.
+NAME_PYTHON, NAME_VENV = "make demo PYTHON=/path/to/python3.13", "make demo VENV=/path/to/venv"
+#: Errors of pip's connections.
+UNREACHABLE = re.compile(r"NewConnectionError|NameResolutionError|ConnectTimeoutError|ProxyError")
+
+
+class SetUpError(Exception):
+    """A cause and the next step."""
+
+
+class Environment:
+    """A virtual environment of a checkout; an explicit Python replaces that of an existing one.
+
+    Raises SetUpError for a Python that hexctl does not support.
+    """
+
+    def __init__(self, checkout: Path, venv: Path, *, explicit_python: bool = False) -> None:
+        self.checkout, self.venv = checkout.resolve(), checkout.resolve() / venv
+        self.python = self.venv / "bin" / "python"
+        # What was installed, written last; and the mark of an installation that has not ended.
+        self._stamp, self._begun = self.venv / "hexctl.json", self.venv / "hexctl-begun"
+        self.version: tuple[int, ...] = sys.version_info[:2]
+        if not OLDEST <= self.version <= NEWEST:
+            got = ".".join(map(str, sys.version_info[:3]))
+            raise SetUpError(f"hexctl needs Python 3.11 to 3.14 (got {got}); name another one: {NAME_PYTHON}")
+        existing = self._existing_version()
+        if OLDEST <= existing <= NEWEST and not explicit_python:
+            self.version = existing
+
+    def _existing_version(self) -> tuple[int, ...]:
+        try:
+            text = (self.venv / "pyvenv.cfg").read_text()
+        except OSError:
+            return ()
+        found = re.search(r"^version\w*\s*=\s*(\d+)\.(\d+)", text, re.MULTILINE)
+        return (int(found[1]), int(found[2])) if found else ()
+
+    def set_up(self, *extras: str) -> None:
+        """Install extras that are missing; another process that sets up this checkout is waited for.
+
+        Raises SetUpError for a folder that cannot be written, without network, and for errors of pip.
+        """
+        descriptor = os.open(self.checkout, os.O_RDONLY)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            say("another make sets up this folder; waiting for it")
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        try:
+            stamp = self._read_stamp()
+            wanted = sorted({*extras, *stamp.get("extras", ())})
+            if stamp != self._described(wanted) or not self.python.exists() or not self._runs_checkout():
+                self._begin(moved=stamp.get("checkout", str(self.checkout)) != str(self.checkout))
+                self._install(wanted)
+                self._stamp.write_text(json.dumps(self._described(wanted)))
+                self._begun.unlink()
+        finally:
+            os.close(descriptor)
+
+    def _read_stamp(self) -> dict[str, Any]:
+        try:
+            return dict(json.loads(self._stamp.read_text()))
+        except (OSError, ValueError):
+            return {}
+
+    def _described(self, extras: list[str]) -> dict[str, Any]:
+        files = (self.checkout / name for name in ("pyproject.toml", "constraints.txt"))
+        digest = hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
+        python = list(self.version)
+        return {"extras": extras, "checkout": str(self.checkout), "files": digest, "python": python}
+
+    def _runs_checkout(self) -> bool:
+        """False for a copy of the code, which `pip install .` makes."""
+        for path in self.venv.glob("lib/python*/site-packages/hexctl-*.dist-info/direct_url.json"):
+            origin = json.loads(path.read_text())
+            return bool(origin["url"] == self.checkout.as_uri() and origin["dir_info"].get("editable"))
+        return False
+
+    def _begin(self, *, moved: bool) -> None:
+        """Mark the installation as begun, in a new environment unless the present one can be kept."""
+        foreign = self.venv.is_dir() and any(self.venv.iterdir()) and not self._existing_version()
+        if foreign and not self._begun.exists():
+            raise SetUpError(f"{self.venv}: holds other files; name another folder: {NAME_VENV}")
+        kept = not moved and not self._begun.exists() and self._has_pip()
+        try:
+            self.venv.mkdir(parents=True, exist_ok=True)
+            self._begun.touch()
+            self._stamp.unlink(missing_ok=True)
+            if not kept:
+                self._make()
+        except OSError as error:
+            trouble = f"{self.venv}: cannot be written ({error.strerror})"
+            raise SetUpError(f"{trouble}; name another folder: {NAME_VENV}") from error
+
+    def _has_pip(self) -> bool:
+        code = f"import sys; sys.exit(sys.version_info[:2] != {self.version})"
+        try:
+            return all(
+                subprocess.run([self.python, *arguments], capture_output=True).returncode == 0
+                for arguments in (("-c", code), ("-m", "ensurepip"), ("-m", "pip", "--version"))
+            )
+        except OSError:
+            return False
+
+    def _make(self) -> None:
+        version = ".".join(map(str, self.version))
+        say(f"setting up {self.venv.name} with Python {version}, which takes a minute or two")
+        for path in self.venv.iterdir():
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            elif path != self._begun:
+                path.unlink()
+        self.version = sys.version_info[:2]
+        if subprocess.run([sys.executable, "-m", "venv", self.venv]).returncode:
+            raise SetUpError("python -m venv failed; on Debian and Ubuntu: sudo apt-get install python3-venv")
+
+    def _install(self, extras: list[str]) -> None:
+        self._pip("-e", f".[{','.join(extras)}]")
+        if self.version >= WITHOUT_LABMAZE:
+            import tomllib  # from Python 3.11 on
+
+            project = tomllib.loads((self.checkout / "pyproject.toml").read_text())
+            self._pip("--no-deps", project["tool"]["uv"]["override-dependencies"][0])
+
+    def _pip(self, *arguments: str) -> None:
+        """Run pip with one line of progress on a terminal; its errors are shown if it fails."""
+        # Modules are compiled at their first import: most of them are never imported.
+        options = (
+            "--disable-pip-version-check",
+            "--no-compile",
+            "--only-binary=:all:",
+            "-c",
+            "constraints.txt",
+        )
+        command = [str(self.python), "-m", "pip", "install", *options, *arguments]
+        log = self.venv / "hexctl-pip.txt"
+        with log.open("w") as errors:
+            process = subprocess.Popen(
+                command, cwd=self.checkout, stdout=subprocess.PIPE, stderr=errors, text=True
+            )
+            show_progress(process.stdout or ())
+        if process.wait():
+            said = log.read_text()
+            if UNREACHABLE.search(said):
+                raise SetUpError("no answer from the package index; connect to the network and type it again")
+            sys.stderr.write(said)
+            version = ".".join(map(str, self.version))
+            raise SetUpError(f"pip failed with Python {version}, see above; name another one: {NAME_PYTHON}")
+
+
+def show_progress(lines: Iterable[str]) -> None:
+    """Show what pip does as one line on a terminal."""
+    shown, found = sys.stderr.isatty(), 0
+    for line in lines:
+        text = ""
+        if line.startswith("Collecting"):
+            found += 1
+            text = f"found {found} packages"
+        elif line.startswith("Installing"):
+            text = f"installing {line.count(', ') + 1} packages, half a minute"
+        if shown and text:
+            sys.stderr.write(f"\r{text:50}")
+            sys.stderr.flush()
+    if shown:
+        sys.stderr.write(f"\r{'':50}\r")
+
+
+def say(text: str) -> None:
+    """Print a line for the person who typed make."""
+    sys.stderr.write(f"{text}\n")
+
+
+def main() -> None:
+    """Set up the environment of this checkout."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("venv", type=Path, help="folder of the environment")
+    parser.add_argument("extras", nargs="+", help="extras of pyproject.toml")
+    parser.add_argument("--explicit-python", action="store_true", help="replace another one")
+    given = parser.parse_args()
+    checkout = Path(__file__).parent
+    Environment(checkout, given.venv, explicit_python=given.explicit_python).set_up(*given.extras)
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except SetUpError as error:
+        sys.exit(f"hexctl: {error}")
+    except KeyboardInterrupt:
+        sys.exit("\nhexctl: interrupted; type it again to go on")
