@@ -16,14 +16,15 @@ unexport PYTHONDONTWRITEBYTECODE
 # No display is needed or looked for; set MUJOCO_GL yourself to render.
 export MUJOCO_GL ?= disable
 
-.PHONY: help runnable setup demo docs check ci test test-all test-slow test-long lint smoke dist bench faults pictures soak fuzz clean
+.PHONY: help runnable setup demo docs check test test-all test-slow test-long lint smoke wheels dist bench faults pictures soak fuzz clean
 
 help:
 	@echo "make demo   a hexapod loses a leg in mid-walk and recovers, in simulation"
 	@echo "make check  style, types and the quick tests of what changed (half a minute)"
 	@echo "make test   style, types and tests (2 minutes on two cores)"
 	@echo "make test-all  everything: whole commands, studies, every page, and what runs in real time (half an hour)"
-	@echo "make smoke  the built wheel, installed alone"
+	@echo "make smoke  the built wheel, installed alone; then with the simulation, as its error says"
+	@echo "make wheels  every package has a wheel for each supported Python, on x86-64 and arm64"
 	@echo "make dist   wheel and sdist, checked and installed in an empty environment"
 	@echo "make bench  the numbers hexctl promises, measured (three hours, most of them on simulated buses and over a link)"
 	@echo "make faults  what is missing of the fault matrix (hours; Ctrl-C ends it)"
@@ -87,24 +88,31 @@ test-slow: setup
 	$(call lane,$(WORKERS),slow and not realtime and not long)
 	$(realtime_lane)
 
-# What CI runs: `test` and `test-slow`, with one start of the processes that compute.
-ci: setup
-	$(call linted,$(call lane,$(WORKERS),not realtime and not long))
-	$(realtime_lane)
-
 test-long: setup
 	$(call lane,$(WORKERS),long and not realtime)
 	$(call lane,$(WORKERS),long and realtime)
 
 # The built wheel, alone in a fresh environment: what a robot's own computer gets. Needs nothing of .venv.
-SMOKE_PIP := build/smoke/venv/bin/python -m pip --quiet --disable-pip-version-check
+SMOKE := build/smoke
+SMOKE_PIP := $(SMOKE)/venv/bin/python -m pip --quiet --disable-pip-version-check
 smoke:
-	rm -rf build/smoke
-	$(PYTHON) -m venv build/smoke/venv
-	$(SMOKE_PIP) wheel --no-deps -w build/smoke .
-	$(SMOKE_PIP) install --no-compile -c constraints.txt build/smoke/*.whl
-	cd build/smoke && venv/bin/hexctl check pexod && venv/bin/hexctl run --backend mock --no-record --duration 0.2
-	cd build/smoke && venv/bin/python ../../tests/smoke.py venv/bin/hexctl
+	rm -rf $(SMOKE)
+	$(PYTHON) -m venv $(SMOKE)/venv
+	$(SMOKE_PIP) wheel --no-deps -w $(SMOKE) .
+	$(SMOKE_PIP) install --no-compile -c constraints.txt $(SMOKE)/*.whl
+	cd $(SMOKE) && venv/bin/hexctl check pexod && venv/bin/hexctl run --backend mock --no-record --duration 0.2
+	cd $(SMOKE) && PIP_CONSTRAINT=$(CURDIR)/constraints.txt venv/bin/python $(CURDIR)/tests/smoke.py venv/bin/hexctl
+
+# Resolves for Pythons and processors that this computer need not have; installs nothing but uv.
+wheels:
+	rm -rf build/wheels
+	$(PYTHON) -m venv build/wheels
+	build/wheels/bin/python -m pip install --quiet --disable-pip-version-check "uv>=0.9,<1"
+	@for version in 3.12 3.13 3.14; do for processor in x86_64 aarch64; do \
+		build/wheels/bin/uv pip compile --quiet --extra all --extra dev -c constraints.txt --only-binary :all: \
+		--python-version $$version --python-platform $$processor-manylinux_2_31 -o /dev/null pyproject.toml || exit 1; \
+		echo "wheels for Python $$version on $$processor: all"; \
+	done; done
 
 # Wheel and sdist in dist/, checked by twine, and each installed in an empty environment; the tools that build
 # them have an environment of their own.

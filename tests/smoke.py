@@ -1,6 +1,7 @@
 """Run with a robot's own computer's Python: serves, walks, asks, stops, with nothing but hexctl installed.
 
-`python smoke.py HEXCTL`; standard library only, because nothing of the checkout is there.
+Then the simulation is installed by the command that its error names. `python smoke.py HEXCTL`; standard
+library only, because nothing of the checkout is there.
 """
 
 import importlib.resources
@@ -39,6 +40,22 @@ def main(hexctl: str) -> None:
     finally:
         served.terminate()
         served.wait(10)
+    simulate(hexctl)
+
+
+def simulate(hexctl: str) -> None:
+    """Walk in simulation, after the one command that the error names."""
+    walk = (hexctl, "run", "--no-record", "--duration", "2", "--json")
+    refused = subprocess.run(walk, capture_output=True, text=True, check=False)
+    assert refused.returncode != 0, refused.stdout
+    command = refused.stderr.strip().partition("extra: ")[2]
+    sys.stdout.write(f"$ {command}\n")
+    # Names a shell expands, as a person would type it.
+    subprocess.run(command, shell=True, check=True, stdout=subprocess.DEVNULL)  # noqa: S602
+    walked = json.loads(call(*walk))
+    assert walked["status"] == "ok", walked
+    labmaze = importlib.util.find_spec("labmaze") is not None
+    assert labmaze == (sys.version_info < (3, 13)), "labmaze has no wheels from Python 3.13 on"
 
 
 def call(*command: str) -> str:
