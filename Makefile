@@ -117,6 +117,7 @@ wheels:
 # Wheel and sdist in dist/, checked by twine, and each installed in an empty environment; the tools that build
 # them have an environment of their own.
 dist:
+	@grep -q '^Repository = "http' pyproject.toml || echo "before you publish: set project.urls.Repository in pyproject.toml"
 	rm -rf dist build/dist
 	$(PYTHON) -m venv build/dist/tools
 	build/dist/tools/bin/python -m pip install --quiet --disable-pip-version-check "build>=1.2,<2" "twine>=6,<7"

@@ -15,7 +15,12 @@ sys.path.insert(0, str(ROOT / "docs"))
 from generated_reference import PARTS  # noqa: E402  a neighbour of this file
 
 #: A link out of docs/ to a shipped file, by its `../` and its path.
-LINK = re.compile(r"\]\(((?:\.\./)*)\.\./(configs/[^)#]+)\)")
+LINK = re.compile(r"\]\(((?:\.\./)*)\.\./(configs/[^)#]+|LICENSE|CITATION\.cff)\)")
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+#: Address of the repository, which a person sets before publication; empty until then.
+REPOSITORY: str = PROJECT.get("urls", {}).get("Repository", "").removesuffix("/")
 
 #: How much classes of pages count in the search: lists have every word, and most users look for what to do.
 BOOSTS = {"api/index.md": 0.7, "api/": 0.3, "reference/": 0.7, "results/": 0.5}
@@ -35,17 +40,18 @@ LISTED_ELSEWHERE = re.compile(r"^::: hexctl\.[\w.]*?(?:Options|Spec|StudyPlan|Wo
 #: The place of a generated reference: a comment, and a line for readers of the source.
 GENERATED = re.compile(r"^<!-- generated: (\w+) -->\n.+$", re.MULTILINE)
 
+#: A line that has the repository's address on the site, once there is one.
+ADDRESSED = re.compile(r"^<!-- address: (\w+) -->\n(.+)$", re.MULTILINE)
+
 #: What pymdownx.arithmatex leaves of an equation in TeX.
 EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
 
 
 def on_config(config: Any) -> Any:
     """Show the version of the package, and its repository if the package names one."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    config.site_name = f"{project['name']} {project['version']}"
-    repository = project.get("urls", {}).get("Repository")
-    if repository:
-        config.repo_url, config.repo_name = repository, "Repository"
+    config.site_name = f"{PROJECT['name']} {PROJECT['version']}"
+    if REPOSITORY:
+        config.repo_url, config.repo_name = REPOSITORY, "Repository"
         config.edit_uri = "edit/main/docs/"
         config.theme["features"].append("content.action.edit")
     return config
@@ -72,7 +78,17 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     page.meta["tags"] = [KEYWORDS[name]] if name in KEYWORDS else []
     markdown = LISTED_ELSEWHERE.sub(r"\g<0>\n    options: {members: false, show_signature: false}", markdown)
     parts = {**PARTS, "fault_matrix": fault_matrix}
-    return GENERATED.sub(lambda found: parts[found[1]](), LINK.sub(r"](\1\2)", markdown))
+    markdown = GENERATED.sub(lambda found: parts[found[1]](), markdown)
+    return ADDRESSED.sub(_addressed, LINK.sub(r"](\1\2)", markdown))
+
+
+def _addressed(found: re.Match[str]) -> str:
+    """A line with the repository's address, or as it stands in the source until there is one."""
+    lines = {
+        "support": f"[Open an issue]({REPOSITORY}/issues).",
+        "uvx": f'```sh\nuvx --python 3.12 --from "hexctl[demo] @ git+{REPOSITORY}" hexctl demo\n```',
+    }
+    return lines[found[1]] if REPOSITORY else found[2]
 
 
 def fault_matrix() -> str:

@@ -15,7 +15,6 @@ from hexctl.cli.prompts import LegPrompt
 from hexctl.demo import rescue
 from hexctl.errors import InputError
 from hexctl.recording.recorded_trial import LEG_CONDITIONS, read_trial
-from hexctl.robot.failure import Failure
 from hexctl.runs.run import RunResult
 from tests.cli.conftest import Call
 from tests.cli.terminals import type_in
@@ -87,7 +86,8 @@ def test_with_recovery_the_robot_keeps_its_speed_and_its_line(
     assert walked_on is not None
     assert recovered is not None
     assert told == [walked_on, recovered]
-    assert rescue.speed_kept(walked_on) <= 0.6
+    distances_m = [walk.trial.distance_m or 0 for walk in (walked_on, recovered)]
+    assert 0 < distances_m[0] <= 0.7 * distances_m[1]
     assert rescue.speed_kept(recovered) > 0.95
     assert recovered.trial.deviation is not None
     assert recovered.trial.deviation.final < 0.04
@@ -96,7 +96,7 @@ def test_with_recovery_the_robot_keeps_its_speed_and_its_line(
     assert rescue.EVENT.at_s < noticed.at_s < rescue.EVENT.at_s + 2
     assert result.adaptation is not None
     spec = result.adaptation.session.spec
-    assert (spec.broken, spec.world, spec.budget) == (Failure(leg=5), f"{result.world}@0.5ms", 1)
+    assert (spec.broken, spec.world, spec.budget) == (rescue.EVENT.failure, f"{result.world}@0.5ms", 1)
     said = json.loads(json.dumps(result.to_dict()))
     assert said["recovered"]["speed_kept"] > said["walked_on"]["speed_kept"]
     assert [path.name for path in result.recordings] == ["walked-on.rrd", "recovered.rrd"]

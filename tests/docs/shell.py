@@ -53,7 +53,7 @@ PARSED = {
     ("study", "--matrix"): "simulates for hours; tests/study has a small one",
     ("prior", "build"): "walks 120 gaits a world, for minutes; tests/cli/test_study.py has it",
     ("run", "2:limp@8"): "fails later than a shortened walk ends; tests/cli/test_run.py has one",
-    ("run", "5:locked@8"): "fails later than a shortened walk ends; tests/cli/test_run.py has one",
+    ("run", "5:limp@8"): "fails later than a shortened walk ends; tests/cli/test_run.py has one",
     ("run", "--then"): "changes its gait later than a shortened walk ends; tests/control/walks has one",
     ("--dask",): "needs a cluster; tests/study has one",
 }

@@ -141,13 +141,14 @@ def _baseline_lines(session: Session, found: Contender | None) -> list[str]:
         return []
     known = scores_without_search(session)
     unit, scale = ("cm", 100.0) if session.spec.objective_unit == "m" else (session.spec.objective_unit, 1.0)
-    ends = (
-        f"{scale * known.get(walk.gait, walk.score):.1f}" if walk.valid else status_text(walk)
+    valid = [
+        f"{walk.gait} {scale * known.get(walk.gait, walk.score):.1f}"
         for walk in session.baseline
-    )
-    unit = unit if any(walk.valid for walk in session.baseline) else ""
-    walks = [f"{walk.gait} {end}" for walk, end in zip(session.baseline, ends, strict=True)]
-    return [f"without a search: {', '.join(walks)} {unit}".rstrip() + _gain(session, found, scale, unit)]
+        if walk.valid
+    ]
+    others = [f"{walk.gait} {status_text(walk)}" for walk in session.baseline if not walk.valid]
+    walks = [*([f"{', '.join(valid)} {unit}".rstrip()] if valid else []), *others]
+    return [f"without a search: {', '.join(walks)}" + _gain(session, found, scale, unit)]
 
 
 def _gain(session: Session, found: Contender | None, scale: float, unit: str) -> str:
