@@ -3,7 +3,7 @@
     result = demo()
     print(result.recovered.trial.distance_m, result.adaptation.best, result.picture)
 
-The walk is made with and without recovery; the search is `hexctl.adapt(failure="5:limp", budget=20)`. The
+The walk is made with and without recovery; the search is `hexctl.adapt(failed_leg=5, budget=20)`. The
 simulated world is held out: no prior and no threshold was made with it.
 """
 
@@ -34,10 +34,10 @@ from hexctl.waiting import StopRequested, never
 #: The robot, its gait on six legs, and the world. Worlds of this family from 500 on are held out. This is
 #: the first in which the failure shows: without recovery, the robot covers at most 70 % of the distance, and
 #: without a search, no gait ends within 10 cm of its line in open loop.
-ROBOT, GAIT, WORLD = "ant", "tripod", "transfer:501"
+ROBOT, GAIT, WORLD = "ant", "tripod", "transfer:504"
 
 #: Failure and its time, and the length of the walk.
-EVENT, WALK_S = parse_failure_event("5:limp@6.3"), 15.0
+EVENT, WALK_S = parse_failure_event("5:locked@6.3"), 15.0
 
 #: Policies of the walk without recovery and of the one with it.
 WALK_ON, RECOVER = "walk-on", "glide"

@@ -158,7 +158,7 @@ def _ending(result: "DemoResult", session: "Session") -> "list[RenderableType]":
         *([f"  source {_activate()}"] if _activate() else []),
         f"  {_view_command()} {shlex.quote(str(result.recordings[-1]))}",
         f"  hexctl sessions show {session.name}",
-        f"  hexctl run --failure 2:limp@4{' --realtime --view' if has_display() else ''}",
+        f"  hexctl run --failure 5:limp@8{' --realtime --view' if has_display() else ''}",
     ]
 
 
