@@ -1,9 +1,9 @@
 # Everything below sets up .venv first: make and Python 3.11 to 3.14 are all it needs.
 EXPLICIT_PYTHON := $(if $(filter-out undefined,$(origin PYTHON)),--explicit-python)
+SUPPORTED := -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 15))' 2>/dev/null
 ifndef PYTHON
 PYTHON := $(shell for python in python3 python3.14 python3.13 python3.12 python3.11; do \
-	$$python -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 15))' 2>/dev/null && \
-	echo $$python && break; done)
+	$$python $(SUPPORTED) && echo $$python && break; done)
 endif
 VENV := .venv
 BIN := $(VENV)/bin
@@ -16,7 +16,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # No display is needed or looked for; set MUJOCO_GL yourself to render.
 export MUJOCO_GL ?= disable
 
-.PHONY: help runnable setup demo docs check test test-all test-slow test-long lint smoke wheels dist bench faults pictures soak fuzz clean
+.PHONY: help supported runnable setup demo docs check test test-all test-slow test-long lint smoke wheels dist bench faults pictures soak fuzz clean
 
 help:
 	@echo "make demo   a hexapod loses a leg in mid-walk and recovers, in simulation"
@@ -34,18 +34,17 @@ help:
 	@echo "make docs   the documentation as a site, in build/site"
 	@echo "make clean  remove what the others made, recordings excepted"
 
+supported:
+	@$(or $(PYTHON),false) $(SUPPORTED) || { echo "hexctl needs Python 3.11 to 3.14 (got $(or $(PYTHON),none \
+	on the path)); name one: make $(MAKECMDGOALS) PYTHON=/path/to/python3.13" >&2; exit 1; }
+
 # What hexctl needs to walk and to show it; and with the tools of development on top.
-define environment
-	@test -n "$(PYTHON)" || { echo "hexctl needs Python 3.11 to 3.14, and none is on the path; with its \
-	place: make PYTHON=/path/to/python3.13"; exit 1; }
-	@$(PYTHON) environment.py $(EXPLICIT_PYTHON) "$(VENV)" $1
-endef
+environment = $(PYTHON) environment.py $(EXPLICIT_PYTHON) "$(VENV)"
+runnable: supported
+	@$(environment) demo
 
-runnable:
-	$(call environment,demo)
-
-setup:
-	$(call environment,all dev)
+setup: supported
+	@$(environment) all dev
 
 # Two of them at a time would spoil one another.
 .NOTPARALLEL:
@@ -149,7 +148,7 @@ soak: setup
 INPUTS ?= 1000000
 SECONDS ?= 60
 fuzz: setup
-	$(call environment,fuzz)
+	@$(environment) fuzz
 	$(BIN)/python -m tests.fuzz --inputs $(INPUTS) --seconds $(SECONDS)
 
 docs: setup

@@ -1,10 +1,8 @@
 """Sets up the virtual environment of make: `python environment.py .venv demo` installs that extra, editable.
 
 An environment that is right is kept. One that is half made or was moved is made again, and a copy of the code
-is replaced by the checkout. It needs nothing but Python, and starts on versions that are too old, to say so.
+is replaced by the checkout. It needs nothing but a supported Python, which make looks for.
 """
-
-from __future__ import annotations
 
 import argparse
 import fcntl
@@ -15,11 +13,10 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
+from typing import Any
 
 OLDEST, NEWEST = (3, 11), (3, 14)
 #: The first Python without wheels of labmaze, which dm_control asks for and hexctl does not use.
@@ -35,10 +32,7 @@ class SetUpError(Exception):
 
 
 class Environment:
-    """A virtual environment of a checkout; an explicit Python replaces that of an existing one.
-
-    Raises SetUpError for a Python that hexctl does not support.
-    """
+    """A virtual environment of a checkout; an explicit Python replaces that of an existing one."""
 
     def __init__(self, checkout: Path, venv: Path, *, explicit_python: bool = False) -> None:
         self.checkout, self.venv = checkout.resolve(), checkout.resolve() / venv
@@ -46,9 +40,6 @@ class Environment:
         # What was installed, written last; and the mark of an installation that has not ended.
         self._stamp, self._begun = self.venv / "hexctl.json", self.venv / "hexctl-begun"
         self.version: tuple[int, ...] = sys.version_info[:2]
-        if not OLDEST <= self.version <= NEWEST:
-            got = ".".join(map(str, sys.version_info[:3]))
-            raise SetUpError(f"hexctl needs Python 3.11 to 3.14 (got {got}); name another one: {NAME_PYTHON}")
         existing = self._existing_version()
         if OLDEST <= existing <= NEWEST and not explicit_python:
             self.version = existing
@@ -143,8 +134,6 @@ class Environment:
     def _install(self, extras: list[str]) -> None:
         self._pip("-e", f".[{','.join(extras)}]")
         if self.version >= WITHOUT_LABMAZE:
-            import tomllib  # from Python 3.11 on
-
             project = tomllib.loads((self.checkout / "pyproject.toml").read_text())
             self._pip("--no-deps", project["tool"]["uv"]["override-dependencies"][0])
 

@@ -206,13 +206,12 @@ class TestEnvironment:
         with pytest.raises(SetUpError, match="VENV="):
             Environment(checkout, Path("pyproject.toml") / "venv").set_up("demo")
 
-    @pytest.mark.parametrize("version", [(3, 10, 1), (3, 15, 0)])
-    def test_another_python_is_asked_for(
-        self, checkout: Path, monkeypatch: pytest.MonkeyPatch, version: tuple[int, int, int]
-    ) -> None:
-        monkeypatch.setattr("sys.version_info", version)
-        with pytest.raises(SetUpError, match="PYTHON="):
-            Environment(checkout, Path(".venv"))
+    @pytest.mark.parametrize(("python", "code"), [(sys.executable, 0), ("false", 2), ("/no/python3.9", 2)])
+    def test_an_unsupported_python_is_refused_by_make(self, python: str, code: int) -> None:
+        command = ["make", "--no-print-directory", "supported", f"PYTHON={python}"]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        assert done.returncode == code, done.stderr
+        assert ("PYTHON=" in done.stderr) == (code != 0)
 
     @pytest.mark.slow
     def test_without_network_the_next_step_is_named(
