@@ -94,20 +94,21 @@ test-long: setup
 # The built wheel, alone in a fresh environment: what a robot's own computer gets. Needs nothing of .venv.
 SMOKE := build/smoke
 SMOKE_PIP := $(SMOKE)/venv/bin/python -m pip --quiet --disable-pip-version-check
-smoke:
+smoke: supported
 	rm -rf $(SMOKE)
 	$(PYTHON) -m venv $(SMOKE)/venv
+	cp constraints.txt $(SMOKE)
 	$(SMOKE_PIP) wheel --no-deps -w $(SMOKE) .
 	$(SMOKE_PIP) install --no-compile -c constraints.txt $(SMOKE)/*.whl
 	cd $(SMOKE) && venv/bin/hexctl check pexod && venv/bin/hexctl run --backend mock --no-record --duration 0.2
-	cd $(SMOKE) && PIP_CONSTRAINT=$(CURDIR)/constraints.txt venv/bin/python $(CURDIR)/tests/smoke.py venv/bin/hexctl
+	cd $(SMOKE) && PIP_CONSTRAINT=constraints.txt venv/bin/python ../../tests/smoke.py venv/bin/hexctl
 
-# Resolves for Pythons and processors that this computer need not have; installs nothing but uv.
-wheels:
+# Resolves for Pythons and processors that this computer need not have; installs nothing but uv. Debian 12 has 3.11.2.
+wheels: supported
 	rm -rf build/wheels
 	$(PYTHON) -m venv build/wheels
 	build/wheels/bin/python -m pip install --quiet --disable-pip-version-check "uv>=0.9,<1"
-	@for version in 3.12 3.13 3.14; do for processor in x86_64 aarch64; do \
+	@for version in 3.11.2 3.12 3.13 3.14; do for processor in x86_64 aarch64; do \
 		build/wheels/bin/uv pip compile --quiet --extra all --extra dev -c constraints.txt --only-binary :all: \
 		--python-version $$version --python-platform $$processor-manylinux_2_31 -o /dev/null pyproject.toml || exit 1; \
 		echo "wheels for Python $$version on $$processor: all"; \
@@ -115,7 +116,7 @@ wheels:
 
 # Wheel and sdist in dist/, checked by twine, and each installed in an empty environment; the tools that build
 # them have an environment of their own.
-dist:
+dist: supported
 	@grep -q '^Repository = "http' pyproject.toml || echo "before you publish: set project.urls.Repository in pyproject.toml"
 	rm -rf dist build/dist
 	$(PYTHON) -m venv build/dist/tools

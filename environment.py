@@ -18,12 +18,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-OLDEST, NEWEST = (3, 11), (3, 14)
-#: The first Python without wheels of labmaze, which dm_control asks for and hexctl does not use.
-WITHOUT_LABMAZE = (3, 13)
-#: The next step after the name of a setting of make.
-NAME_PYTHON, NAME_VENV = "make demo PYTHON=/path/to/python3.13", "make demo VENV=/path/to/venv"
-#: Errors of pip's connections.
+#: The next step if a folder is of no use.
+NAME_VENV = "name another folder by VENV=/path/to/venv"
+#: Words in pip's errors if it reaches no package index.
 UNREACHABLE = re.compile(r"NewConnectionError|NameResolutionError|ConnectTimeoutError|ProxyError")
 
 
@@ -37,12 +34,10 @@ class Environment:
     def __init__(self, checkout: Path, venv: Path, *, explicit_python: bool = False) -> None:
         self.checkout, self.venv = checkout.resolve(), checkout.resolve() / venv
         self.python = self.venv / "bin" / "python"
-        # What was installed, written last; and the mark of an installation that has not ended.
+        # What was installed, written last; and the mark of an installation that changes the environment.
         self._stamp, self._begun = self.venv / "hexctl.json", self.venv / "hexctl-begun"
-        self.version: tuple[int, ...] = sys.version_info[:2]
-        existing = self._existing_version()
-        if OLDEST <= existing <= NEWEST and not explicit_python:
-            self.version = existing
+        existing = () if explicit_python else self._existing_version()
+        self.version: tuple[int, ...] = existing or sys.version_info[:2]
 
     def _existing_version(self) -> tuple[int, ...]:
         try:
@@ -70,7 +65,7 @@ class Environment:
                 self._begin(moved=stamp.get("checkout", str(self.checkout)) != str(self.checkout))
                 self._install(wanted)
                 self._stamp.write_text(json.dumps(self._described(wanted)))
-                self._begun.unlink()
+                self._begun.unlink(missing_ok=True)
         finally:
             os.close(descriptor)
 
@@ -94,22 +89,20 @@ class Environment:
         return False
 
     def _begin(self, *, moved: bool) -> None:
-        """Mark the installation as begun, in a new environment unless the present one can be kept."""
-        foreign = self.venv.is_dir() and any(self.venv.iterdir()) and not self._existing_version()
-        if foreign and not self._begun.exists():
-            raise SetUpError(f"{self.venv}: holds other files; name another folder: {NAME_VENV}")
-        kept = not moved and not self._begun.exists() and self._has_pip()
+        """Keep an environment that pip can change, or make one; a person's own is never emptied."""
+        half_made, filled = self._begun.exists(), self.venv.is_dir() and any(self.venv.iterdir())
+        if not moved and not half_made and self._repair_pip():
+            return
+        if filled and not (half_made or self._stamp.exists()):
+            raise SetUpError(f"{self.venv}: holds other files, and no environment with pip; {NAME_VENV}")
         try:
             self.venv.mkdir(parents=True, exist_ok=True)
-            self._begun.touch()
-            self._stamp.unlink(missing_ok=True)
-            if not kept:
-                self._make()
+            self._make()
         except OSError as error:
-            trouble = f"{self.venv}: cannot be written ({error.strerror})"
-            raise SetUpError(f"{trouble}; name another folder: {NAME_VENV}") from error
+            raise SetUpError(f"{self.venv}: cannot be written ({error.strerror}); {NAME_VENV}") from error
 
-    def _has_pip(self) -> bool:
+    def _repair_pip(self) -> bool:
+        """Whether the environment has the wanted Python, and a pip, which uv leaves out."""
         code = f"import sys; sys.exit(sys.version_info[:2] != {self.version})"
         try:
             return all(
@@ -120,64 +113,65 @@ class Environment:
             return False
 
     def _make(self) -> None:
+        self.version = sys.version_info[:2]
         version = ".".join(map(str, self.version))
         say(f"setting up {self.venv.name} with Python {version}, which takes a minute or two")
+        self._mark()
         for path in self.venv.iterdir():
             if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path)
             elif path != self._begun:
                 path.unlink()
-        self.version = sys.version_info[:2]
         if subprocess.run([sys.executable, "-m", "venv", self.venv]).returncode:
             raise SetUpError("python -m venv failed; on Debian and Ubuntu: sudo apt-get install python3-venv")
 
+    def _mark(self) -> None:
+        self._begun.touch()
+        self._stamp.unlink(missing_ok=True)
+
     def _install(self, extras: list[str]) -> None:
         self._pip("-e", f".[{','.join(extras)}]")
-        if self.version >= WITHOUT_LABMAZE:
-            project = tomllib.loads((self.checkout / "pyproject.toml").read_text())
-            self._pip("--no-deps", project["tool"]["uv"]["override-dependencies"][0])
+        # From Python 3.13 on, the extra leaves out dm_control, because labmaze has no wheels there.
+        project = tomllib.loads((self.checkout / "pyproject.toml").read_text())
+        self._pip("--no-deps", project["tool"]["uv"]["override-dependencies"][0])
 
     def _pip(self, *arguments: str) -> None:
         """Run pip with one line of progress on a terminal; its errors are shown if it fails."""
         # Modules are compiled at their first import: most of them are never imported.
-        options = (
-            "--disable-pip-version-check",
-            "--no-compile",
-            "--only-binary=:all:",
-            "-c",
-            "constraints.txt",
-        )
+        options = ["--disable-pip-version-check", "--no-compile", "--only-binary=:all:"]
+        options += ["-c", "constraints.txt"]
         command = [str(self.python), "-m", "pip", "install", *options, *arguments]
         log = self.venv / "hexctl-pip.txt"
-        with log.open("w") as errors:
-            process = subprocess.Popen(
+        with (
+            log.open("w") as errors,
+            subprocess.Popen(
                 command, cwd=self.checkout, stdout=subprocess.PIPE, stderr=errors, text=True
-            )
-            show_progress(process.stdout or ())
-        if process.wait():
+            ) as process,
+        ):
+            self._follow(process.stdout or ())
+        if process.returncode:
             said = log.read_text()
             if UNREACHABLE.search(said):
-                raise SetUpError("no answer from the package index; connect to the network and type it again")
+                raise SetUpError("no answer from the package index; connect to the network, then repeat")
             sys.stderr.write(said)
-            version = ".".join(map(str, self.version))
-            raise SetUpError(f"pip failed with Python {version}, see above; name another one: {NAME_PYTHON}")
+            raise SetUpError("pip failed, see above; remove the cause, then repeat")
 
-
-def show_progress(lines: Iterable[str]) -> None:
-    """Show what pip does as one line on a terminal."""
-    shown, found = sys.stderr.isatty(), 0
-    for line in lines:
-        text = ""
-        if line.startswith("Collecting"):
-            found += 1
-            text = f"found {found} packages"
-        elif line.startswith("Installing"):
-            text = f"installing {line.count(', ') + 1} packages, half a minute"
-        if shown and text:
-            sys.stderr.write(f"\r{text:50}")
-            sys.stderr.flush()
-    if shown:
-        sys.stderr.write(f"\r{'':50}\r")
+    def _follow(self, lines: Iterable[str]) -> None:
+        """Show what pip does as one line on a terminal; from "Installing" on, the environment changes."""
+        shown, found = sys.stderr.isatty(), 0
+        for line in lines:
+            text = ""
+            if line.startswith("Collecting"):
+                found += 1
+                text = f"found {found} packages"
+            elif line.startswith("Installing"):
+                self._mark()
+                text = f"installing {line.count(', ') + 1} packages, half a minute"
+            if shown and text:
+                sys.stderr.write(f"\r{text:50}")
+                sys.stderr.flush()
+        if shown:
+            sys.stderr.write(f"\r{'':50}\r")
 
 
 def say(text: str) -> None:
@@ -200,6 +194,6 @@ if __name__ == "__main__":
     try:
         main()
     except SetUpError as error:
-        sys.exit(f"hexctl: {error}")
+        sys.exit(f"set-up: {error}")
     except KeyboardInterrupt:
-        sys.exit("\nhexctl: interrupted; type it again to go on")
+        sys.exit("\nset-up: it was interrupted; the next make begins it again")

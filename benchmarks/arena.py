@@ -90,7 +90,9 @@ def table(rows: Sequence[dict[str, Any]]) -> list[str]:
     """Rows of a Markdown table: means and their standard errors over the worlds."""
     robot = load_robot(ROBOT)
     built = {"ppo": policy_of(robot).origin, "trial-and-error": behaviours_of(robot).origin}
-    lines = ["|method|n|speed kept|off the line at the end, cm|fell|trials|core s a walk|core min before|"]
+    lines = [
+        "|method|n|speed over commanded|off the line at the end, cm|fell|trials|core s a walk|core min|"
+    ]
     lines.append("|---|--:|--:|--:|--:|--:|--:|--:|")
     for method in METHODS:
         some = [row for row in rows if row["method"] == method]

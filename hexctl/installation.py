@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
 #: Extras with dm_control.
-SIMULATING_EXTRAS = ("sim", "study", "demo", "learn", "train", "all")
+SIMULATING_EXTRAS = ("sim", "study", "demo", "learn", "train", "all", "dev")
 
 #: The first Python without wheels of labmaze, which dm_control asks for and hexctl does not use.
 WITHOUT_LABMAZE = (3, 13)
@@ -58,12 +58,15 @@ def _target(installed: Distribution | None, extra: str) -> str:
         editable = "-e " if folder and folder.get("editable") else ""
         return f"{editable}{_shown(path, f'[{extra}]')}"
     if url:
-        return shlex.quote(f"hexctl[{extra}] @ {_vcs(origin)}{url}")
+        return shlex.quote(f"hexctl[{extra}] @ {_in_vcs(url, origin.get('vcs_info'))}")
     return shlex.quote(f"hexctl[{extra}]")
 
 
-def _vcs(origin: Mapping[str, Any]) -> str:
-    return f"{origin['vcs_info']['vcs']}+" if "vcs_info" in origin else ""
+def _in_vcs(url: str, vcs: Mapping[str, str] | None) -> str:
+    if vcs is None:
+        return url
+    revision = vcs.get("requested_revision")
+    return f"{vcs['vcs']}+{url}" + (f"@{revision}" if revision else "")
 
 
 def _dm_control(installed: Distribution | None) -> str:

@@ -37,7 +37,10 @@ class Installed:
 
 
 FOLDER_URL, EDITABLE = "file:///home/ada/my%20code/hexctl", {"dir_info": {"editable": True}}
-GIT = {"url": "https://example.org/hexctl", "vcs_info": {"vcs": "git", "commit_id": "0"}}
+GIT = {
+    "url": "https://example.org/hexctl",
+    "vcs_info": {"vcs": "git", "commit_id": "0", "requested_revision": "v0.1.0"},
+}
 WHEEL = {"url": "file:///opt/hexctl-0.1.0-py3-none-any.whl", "archive_info": {}}
 
 
@@ -49,7 +52,7 @@ WHEEL = {"url": "file:///opt/hexctl-0.1.0-py3-none-any.whl", "archive_info": {}}
         ("pip", {"url": FOLDER_URL, "dir_info": {}}, "/", "pip install ~/'my code/hexctl[i2c]'"),
         ("uv", {"url": FOLDER_URL, **EDITABLE}, "/", "uv pip install -e ~/'my code/hexctl[i2c]'"),
         ("pip", WHEEL, "/", "pip install '/opt/hexctl-0.1.0-py3-none-any.whl[i2c]'"),
-        ("pip", GIT, "/", "pip install 'hexctl[i2c] @ git+https://example.org/hexctl'"),
+        ("pip", GIT, "/", "pip install 'hexctl[i2c] @ git+https://example.org/hexctl@v0.1.0'"),
         ("pip", None, "/", "pip install 'hexctl[i2c]'"),
     ],
 )
@@ -74,7 +77,7 @@ def test_an_extra_is_added_to_the_code_that_runs(
         ((3, 13), ("mujoco", "dm_env", "dm_control"), ["pip install 'hexctl[sim]'"]),
     ],
 )
-def test_dm_control_comes_without_labmaze_where_that_has_no_wheels(
+def test_dm_control_comes_without_labmaze_if_that_has_no_wheels(
     monkeypatch: pytest.MonkeyPatch, version: tuple[int, int], present: tuple[str, ...], commands: list[str]
 ) -> None:
     monkeypatch.setattr(installation, "distribution", lambda _: Installed("pip", None))
@@ -82,6 +85,18 @@ def test_dm_control_comes_without_labmaze_where_that_has_no_wheels(
     monkeypatch.setattr("sys.version_info", version)
     monkeypatch.setenv("VIRTUAL_ENV", sys.prefix)
     assert install_command("sim").split(" && ") == commands
+
+
+def test_extras_with_the_simulation_are_known() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+
+    def simulates(extra: str) -> bool:
+        own = [
+            line.removeprefix("hexctl[").rstrip("]") for line in extras[extra] if line.startswith("hexctl[")
+        ]
+        return extra == "sim" or any(simulates(other) for names in own for other in names.split(","))
+
+    assert set(filter(simulates, extras)) == set(installation.SIMULATING_EXTRAS)
 
 
 def test_the_extra_has_all_that_dm_control_needs_but_labmaze() -> None:
@@ -129,7 +144,7 @@ def finished(checkout: Path, *, editable: bool = True) -> Environment:
 def pip_calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
     calls: list[tuple[str, ...]] = []
     monkeypatch.setattr(Environment, "_pip", lambda _, *arguments: calls.append(arguments))
-    monkeypatch.setattr(Environment, "_has_pip", lambda _: True)
+    monkeypatch.setattr(Environment, "_repair_pip", lambda _: True)
     return calls
 
 
@@ -153,7 +168,7 @@ class TestEnvironment:
         made.set_up("dev")
         assert len(pip_calls) >= 1
         made.set_up("dev")
-        assert len(pip_calls) == 1 + (sys.version_info >= (3, 13))
+        assert len(pip_calls) == 2
 
     def test_a_moved_checkout_is_set_up_again(self, checkout: Path, pip_calls: list[tuple[str, ...]]) -> None:
         finished(checkout)
@@ -164,10 +179,11 @@ class TestEnvironment:
         assert pip_calls
         assert not kept.exists()
 
-    def test_an_installation_that_was_interrupted_begins_anew(
+    def test_an_installation_that_was_interrupted_begins_again(
         self, checkout: Path, pip_calls: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        def interrupt(*_: object) -> None:
+        def interrupt(environment: Environment, *_: object) -> None:
+            environment._follow(["Installing collected packages: a, b"])
             raise KeyboardInterrupt
 
         made = finished(checkout, editable=False)
@@ -179,6 +195,39 @@ class TestEnvironment:
         made.set_up("dev")
         assert pip_calls
         assert not half.exists()
+
+    def test_a_pip_that_fails_before_it_changes_anything_leaves_the_environment(
+        self, checkout: Path, pip_calls: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def fail(environment: Environment, *_: object) -> None:
+            environment._follow(["Collecting a"])
+            raise SetUpError("no network")
+
+        made = finished(checkout)
+        (kept := made.venv / "kept").touch()
+        with monkeypatch.context() as patched:
+            patched.setattr(Environment, "_pip", fail)
+            with pytest.raises(SetUpError):
+                made.set_up("fuzz")
+        made.set_up("dev")
+        assert kept.exists()
+        assert not pip_calls
+
+    def test_another_python_replaces_the_environment_only_if_it_is_named(self, checkout: Path) -> None:
+        (finished(checkout).venv / "pyvenv.cfg").write_text("version = 3.99.0\n")
+        assert Environment(checkout, Path(".venv")).version == (3, 99)
+        named = Environment(checkout, Path(".venv"), explicit_python=True)
+        assert named.version == sys.version_info[:2]
+
+    def test_an_environment_of_a_person_is_never_emptied(
+        self, checkout: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(Environment, "_repair_pip", lambda _: False)
+        (venv := checkout / "mine").mkdir()
+        (venv / "pyvenv.cfg").write_text("version = 3.11.0\n")
+        with pytest.raises(SetUpError, match="VENV="):
+            Environment(checkout, Path("mine")).set_up("demo")
+        assert (venv / "pyvenv.cfg").exists()
 
     def test_a_second_set_up_waits(
         self, checkout: Path, pip_calls: list[tuple[str, ...]], capsys: pytest.CaptureFixture[str]

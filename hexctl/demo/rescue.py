@@ -7,7 +7,6 @@ The walk is made with and without recovery; the search is `hexctl.adapt(failed_l
 simulated world is held out: no prior and no threshold was made with it.
 """
 
-import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -22,7 +21,6 @@ from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.store import RUNS
 from hexctl.adapt.setting import Note, log_note
 from hexctl.adapt.trial_loop import OnStored
-from hexctl.backends.clock import PERIOD_S
 from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.export.export import export
 from hexctl.files import ALLOWED_FOLDER, check_writable, folder_trouble
@@ -42,9 +40,6 @@ EVENT, WALK_S = parse_failure_event("5:locked@6.3"), 15.0
 #: Policies of the walk without recovery and of the one with it.
 WALK_ON, RECOVER = "walk-on", "glide"
 
-#: Averaging time of the speeds before the failure and at the end: three gait cycles.
-SPEED_S = 10 / 3
-
 #: The race begins just before the failure.
 PICTURE: dict[str, Any] = {
     "captions": ("no recovery", "with recovery"),
@@ -53,9 +48,6 @@ PICTURE: dict[str, Any] = {
     "width_px": 720,
     "fps": 12.5,
 }
-
-#: Minimum share of the speed that counts as all of it.
-ALL_OF_IT = 0.995
 
 OnWalk = Callable[[RunResult], object]
 
@@ -100,10 +92,7 @@ class DemoResult:
         return {
             "event": str(self.event),
             "world": self.world,
-            **{
-                name: None if walk is None else {**walk.to_dict(), "speed_kept": speed_kept(walk)}
-                for name, walk in walks.items()
-            },
+            **{name: None if walk is None else walk.to_dict() for name, walk in walks.items()},
             "adaptation": None if self.adaptation is None else self.adaptation.to_dict(),
             "picture": None if self.picture is None else str(self.picture),
             "no_picture": self.no_picture,
@@ -160,22 +149,6 @@ def demo(
         except NotBegunError:
             return result
     return replace(result, adaptation=adaptation, **drawing.result())
-
-
-def speed_kept(walk: RunResult) -> float:
-    """Mean speed along the line at the end, over that before the failure; nan if the walk was short."""
-    rows = walk.log.rows_of("walk")
-    way_m = walk.log["base_position_world"][rows][:, 0]  # the line is the x axis
-    ticks, fails = round(SPEED_S / PERIOD_S), round(EVENT.at_s / PERIOD_S)
-    if len(way_m) <= fails + ticks:
-        return math.nan
-    before_m = way_m[fails] - way_m[max(0, fails - ticks)]
-    return float((way_m[-1] - way_m[-1 - ticks]) / before_m)
-
-
-def share_in_words(kept: float) -> str:
-    """Share of the speed as text: `47 %`, and `all` from 99.5 % on, which rounds to 100 %."""
-    return "all" if kept >= ALL_OF_IT else f"{100 * kept:.0f} %"
 
 
 def walk_and_fail(

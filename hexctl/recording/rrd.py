@@ -226,8 +226,8 @@ def _unwritable(path: Path, error: OSError) -> InputError:
 def _check_room(file: BinaryIO, path: Path) -> None:
     """Raise OSError if the disk has no room for the start of a recording; a failed file is removed."""
     try:
-        file.write(bytes(ROOM_BYTES))
-        file.flush()
+        if hasattr(os, "posix_fallocate"):  # macOS has none; Rerun itself reports a full disk there
+            os.posix_fallocate(file.fileno(), 0, ROOM_BYTES)
         os.ftruncate(file.fileno(), 0)
     except BaseException:  # Ctrl-C, too
         path.unlink()

@@ -144,8 +144,7 @@ class Shell:
             "make": self._make,
             "cp": self._copy,
             "pip": _pip,
-            "uvx": self._from_a_file,
-            "pipx": lambda words: self._from_a_file(words[1:]),
+            "uv": _uv,
             "sudo": _sudo,
             "sudoedit": _sudo,
             "dask": _dask,
@@ -269,20 +268,6 @@ class Shell:
         for arguments in ours:
             self.hexctl(arguments)
 
-    @staticmethod
-    def _from_a_file(words: list[str]) -> None:
-        """Parse a command of a checkout, or of a wheel of this version, with extras that exist.
-
-        It names a Python for which the simulation has wheels: both take another one, if there is one.
-        """
-        _, version, option, source, program, *arguments = words
-        _require(words[0] == "--python" and version.removeprefix("python") in ("3.11", "3.12"))
-        _require(option in ("--from", "--spec") and program == "hexctl")
-        name, _, extras = source.partition("[")
-        _require(name in (".", f"./dist/hexctl-{_project()['version']}-py3-none-any.whl"))
-        _pip(["install", f".[{extras}"])
-        parse(arguments)  # what it does is run by the first command of the page
-
     def _copy(self, words: list[str]) -> None:
         """Copy a file of the repository into the folder."""
         source, target = words
@@ -317,11 +302,18 @@ def _project() -> dict[str, Any]:
 
 
 def _pip(words: list[str]) -> None:
-    """Check that the extras exist."""
-    _require(words[0] == "install" and words[1].startswith("."))
-    extras = _project()["optional-dependencies"]
-    wanted = [extra for extra in words[1][1:].strip("[]").split(",") if extra]
-    assert set(wanted) <= set(extras), wanted
+    """Check that the extras exist, and that the installation stays editable."""
+    command, option, target = words
+    _require((command, option, target[0]) == ("install", "-e", "."))
+    assert set(target[1:].strip("[]").split(",")) <= set(_project()["optional-dependencies"]), target
+
+
+def _uv(words: list[str]) -> None:
+    """Check the extra, and parse the command of hexctl."""
+    command, option, extra, program, *arguments = words
+    _require((command, option, program) == ("run", "--extra", "hexctl"))
+    _pip(["install", "-e", f".[{extra}]"])
+    parse(arguments)  # what it does is run by the first command of the page
 
 
 def _sudo(words: list[str]) -> None:

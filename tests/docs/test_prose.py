@@ -56,6 +56,11 @@ def test_a_page_is_short(page: Path) -> None:
     assert words(page) <= (720 if page.name == "README.md" else 2_300)
 
 
+def test_all_pages_together_are_short() -> None:
+    pages = [page for page in DOCS.rglob("*.md") if page.parent.name != "dev"]
+    assert sum(map(words, pages)) <= 34_000
+
+
 @pytest.mark.parametrize("page", MARKED)
 def test_a_page_is_in_plain_english(page: Path) -> None:
     """Sentences are short, semicolons few; errors stand on the results page only; no phrase is banned."""

@@ -13,6 +13,7 @@ from pydantic import BaseModel
 
 import hexctl
 from hexctl.adapt.adaptation import adapt
+from hexctl.backends.registry import BACKENDS
 from hexctl.backends.sim.world import DomainRandomization, World
 from hexctl.control.trial_result import TrialResult
 from hexctl.robot.schema import RobotSchema
@@ -120,3 +121,11 @@ def test_the_example_of_a_docstring_runs(name: Any, tmp_path: Any, monkeypatch: 
     example = textwrap.dedent("\n\n".join(paragraphs[first:last]))
     scope = {"hexctl": hexctl, "Drive": hexctl.Drive, "robot": hexctl.load_robot("ant")}
     exec(example, scope)  # noqa: S102  our own docstring
+
+
+def test_the_status_of_every_driver_and_kit_is_on_its_page() -> None:
+    page = (ROOT / "docs" / "results" / "hardware.md").read_text(encoding="utf-8")
+    rows = {line.split("`")[1] for line in page.splitlines() if line.startswith("| `")}
+    drivers = BACKENDS.keys() - {"sim", "mock", "zenoh"}
+    kits = {path.stem for path in (ROOT / "configs" / "robots").glob("*.yaml")} - {"ant", "pexod"}
+    assert rows == drivers | kits

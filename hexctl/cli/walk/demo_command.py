@@ -1,6 +1,5 @@
 """`hexctl demo`: a leg fails during a walk, the robot recovers, and a gait for the other legs is searched."""
 
-import math
 import os
 import shlex
 import shutil
@@ -133,12 +132,9 @@ def _search_line(budget: int) -> str:
 
 
 def _walk_line(walk: "RunResult", *, recovered: bool) -> str:
-    from hexctl.demo.rescue import share_in_words, speed_kept
-
-    outcome, kept = walk.outcome, speed_kept(walk)
+    outcome = walk.outcome
     line = (
-        f"  {'with' if recovered else 'without'} recovery: {outcome['distance_m']:.2f} m, keeps "
-        f"{share_in_words(kept) if math.isfinite(kept) else 'an unknown share'} of its speed, "
+        f"  {'with' if recovered else 'without'} recovery: {outcome['distance_m']:.2f} m, "
         f"ends {100 * outcome['deviation_m']['final']:.1f} cm off its line"
     )
     noticed = map(NoticedFailure.from_dict, outcome["noticed"])
