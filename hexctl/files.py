@@ -145,6 +145,46 @@ def atomic_write(path: Path, content: str | bytes) -> None:
         draft.write_bytes(data)
 
 
+def write_new(path: Path, content: str | bytes, name: str, *, mode: int = 0o666) -> None:
+    """Write a new file durably, complete or not at all: a partial one would block the next.
+
+    Args:
+        content: text is written as UTF-8.
+        name: of the argument, in messages.
+        mode: permissions, of which those of the umask are taken.
+
+    Raises InputError for a file that exists, or that the disk refuses.
+    """
+    check_new(path, name)
+    try:
+        with scratch_folder(path.parent, path.stem) as folder:
+            draft = folder / "new"
+            with open(os.open(draft, os.O_CREAT | os.O_WRONLY, mode), "wb") as file:
+                file.write(content.encode() if isinstance(content, str) else content)
+            sync(draft)
+            _name_new(draft, path)
+            sync(path.parent)
+    except OSError as error:
+        check_new(path, name)
+        raise InputError(f"{name}: {path} cannot be written ({error.strerror})") from error
+
+
+def check_new(path: Path, name: str) -> None:
+    """Raise InputError for a path that exists; `name` is that of the argument."""
+    if os.path.lexists(path):
+        raise InputError(f"{name}: {path} exists; allowed: a new file, nothing is replaced")
+
+
+def _name_new(draft: Path, path: Path) -> None:
+    """Give a draft its name; raises FileExistsError if another process has taken it meanwhile."""
+    try:
+        os.link(draft, path)
+    except OSError:
+        if os.path.lexists(path):
+            raise
+        draft.rename(path)  # on disks without links, such as FAT
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Path of a draft that replaces a file, with its permissions, when the block ends.

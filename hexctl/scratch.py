@@ -17,6 +17,9 @@ SUFFIX = ".part"
 
 _NAME = re.compile(rf".+-[0-9a-f]{{8}}{re.escape(SUFFIX)}")
 
+#: Characters of a name in that of a folder, which may have 255 bytes.
+MOST_NAME = 50
+
 #: Attempts if a folder is removed just before it is locked.
 TRIES = 8
 
@@ -63,7 +66,7 @@ def _is_ours(entry: os.DirEntry[str]) -> bool:
 
 def _make(parent: Path, name: str) -> tuple[Path, int]:
     for _ in range(TRIES):
-        folder = parent / f"{name}-{secrets.token_hex(4)}{SUFFIX}"
+        folder = parent / f"{name[:MOST_NAME]}-{secrets.token_hex(4)}{SUFFIX}"
         folder.mkdir(mode=0o700)
         lock = _locked(str(folder), unlockable=True)
         if lock is not None:

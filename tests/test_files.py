@@ -1,7 +1,9 @@
 """Atomic writes, and files that somebody else has named."""
 
+import errno
 import io
 import os
+import resource
 import zipfile
 from pathlib import Path
 
@@ -10,6 +12,7 @@ import pytest
 
 from hexctl.archive import MOST_ARCHIVE_BYTES, MOST_ARRAYS, open_archive
 from hexctl.cli.main import exit_code
+from hexctl.errors import InputError, is_of_disk
 from hexctl.files import (
     atomic_write,
     folder_trouble,
@@ -19,6 +22,7 @@ from hexctl.files import (
     read_secret,
     replacing,
     state_folder,
+    write_new,
 )
 
 
@@ -76,6 +80,37 @@ def test_a_place_that_cannot_be_written_is_an_oserror(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="folder"):
         atomic_write(tmp_path / "folder", "text")
     assert [path.name for path in tmp_path.iterdir()] == ["folder"]
+
+
+def test_a_new_file_is_complete_or_not_there_and_replaces_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / f"{'n' * 240}.yaml"
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10, limits[1]))  # a full disk
+    try:
+        with pytest.raises(InputError) as raised:
+            write_new(path, "x" * 20, "FILE")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert is_of_disk(raised.value.__cause__)
+    assert not list(tmp_path.iterdir())
+    write_new(path, "first", "FILE", mode=0o600)
+    assert path.stat().st_mode & 0o777 == 0o600
+    monkeypatch.setattr("hexctl.files.check_new", lambda *_: None)  # taken by another process meanwhile
+    with pytest.raises(InputError):
+        write_new(path, "second", "FILE")
+    assert path.read_text() == "first"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_disk_without_links_takes_new_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> None:
+        raise PermissionError(errno.EPERM, "no links")
+
+    monkeypatch.setattr(os, "link", refused)
+    write_new(tmp_path / "a", "text", "FILE")
+    assert (tmp_path / "a").read_text() == "text"
 
 
 def test_the_content_is_on_the_disk_before_the_name_changes(

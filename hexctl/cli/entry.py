@@ -19,6 +19,7 @@ MAY_HANG = ("recording.rrd", "threads")
 
 def main() -> None:
     """Load the command line, run it, and exit with its code."""
+    open_closed_streams()
     defer_in_imports()
     # Matrices are small here: threads of the linear algebra wait longer than they work, and take cores from
     # the simulation and the 50 Hz loop. Read when NumPy and SciPy are imported.
@@ -50,6 +51,15 @@ def main() -> None:
         sys.stderr.flush()
         os._exit(code)
     sys.exit(code)
+
+
+def open_closed_streams() -> None:
+    """Open closed standard streams on /dev/null: the next file or port would get their descriptors."""
+    for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
+        if getattr(sys, name) is None:
+            os.dup2(os.open(os.devnull, os.O_RDWR), number)
+            os.set_inheritable(number, True)
+            setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))  # noqa: SIM115
 
 
 def _quit(*_: object) -> None:

@@ -27,6 +27,7 @@ from hexctl.errors import (
     MissingExtraError,
     ReachError,
     is_of_disk,
+    printable,
     room_hint,
     shortened,
 )
@@ -230,10 +231,27 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
         if extra is None:
             raise
         return _print_error(str(MissingExtraError("this", extra)), BAD_INPUT)
+    except (ImportError, MemoryError, RuntimeError) as error:
+        if (why := _of_memory(error)) is None:
+            raise
+        return _print_error(why, FAULT)
+    except UnicodeEncodeError as error:
+        if printable(error.object) == error.object:
+            raise
+        return _print_error(f"got {error.object!r}; allowed: names in UTF-8", BAD_INPUT)
     except KeyboardInterrupt:
         began = context is not None and has_begun(context)
         return _print_error("interrupted" if began else not_begun(given), INTERRUPTED)
     return code if isinstance(code, int) else 0
+
+
+def _of_memory(error: Exception) -> str | None:
+    """Text of an error by which Python or a library ends if the memory is low; None for another one."""
+    if isinstance(error, ImportError):
+        return f"a library cannot be loaded ({error}); free some memory, or install hexctl anew"
+    if isinstance(error, MemoryError) or "start new thread" in str(error):
+        return f"not enough memory{f' ({error})' if str(error) else ''}; end other programs, or do less here"
+    return None
 
 
 def _worded(error: HexctlError) -> str:

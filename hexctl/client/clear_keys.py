@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from hexctl.files import read_secret, state_folder
+from hexctl.errors import InputError
+from hexctl.files import read_secret, state_folder, write_new
 from hexctl.wire.stop import CLEAR_KEY_BYTES, claim_in, claim_of, new_clear_key
 
 #: Keys on the disk; older ones are removed.
@@ -37,10 +38,9 @@ class NewClaim:
 
     def _write(self) -> None:
         path = _path_of(self.claim)
-        with suppress(OSError):  # this process can clear the stop; others have to wait longer
+        with suppress(OSError, InputError):  # this process can clear the stop; others have to wait longer
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            path.touch(0o600, exist_ok=False)
-            path.write_text(self._key, encoding="ascii")
+            write_new(path, self._key, "key", mode=0o600)
             kept = sorted(path.parent.glob("clear-*.key"), key=lambda one: one.lstat().st_mtime)
             for old in kept[:-MOST_KEPT]:
                 old.unlink(missing_ok=True)

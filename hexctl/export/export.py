@@ -24,7 +24,7 @@ from hexctl.export.export_options import (
     PictureOptions,
 )
 from hexctl.export.recordings import OnProgress, Trials, is_session, recordings_to_export
-from hexctl.files import OnDamage, file_instead, log_damage
+from hexctl.files import OnDamage, check_new, file_instead, log_damage
 from hexctl.options import check_names
 from hexctl.recording.recorded_trial import RecordedTrial, read_trial
 from hexctl.robot.configs import config_names, config_root
@@ -139,7 +139,8 @@ def export(
     check_names(export, options, ExportOptions)
     asked = ExportOptions(to=to, output=output, **options)
     kind = _format(asked.to, asked.output)
-    path = _free(_output(sources[0], kind, asked.output))
+    path = _output(sources[0], kind, asked.output)
+    check_new(path, "export")
     table = kind in ("csv", "parquet") and len(sources) == 1 and is_session(sources[0])
     _check_used(asked, kind, table=table)
     if kind in TRIAL_FORMATS:
@@ -217,12 +218,6 @@ def _output(source: str | Path | Robot, kind: str, output: str | Path | None) ->
     path = Path(source)
     stem = path.with_suffix("") if path.suffix == ".rrd" else Path(path.stem)
     return stem.with_name(f"{stem.name}{ending}")
-
-
-def _free(path: Path) -> Path:
-    if path.exists() or path.is_symlink():
-        raise InputError(f"export: {path} exists; allowed: a new name, nothing is replaced")
-    return path
 
 
 def _write_robot(sources: Sequence[str | Path | Robot], kind: str, path: Path, *, ros2_control: bool) -> None:
@@ -312,4 +307,5 @@ def _draft(path: Path) -> Iterator[Path]:
     with scratch_folder(path.parent, path.stem) as folder:
         draft = folder / path.name
         yield draft
-        draft.rename(_free(path))
+        check_new(path, "export")
+        draft.rename(path)

@@ -48,7 +48,7 @@ def open_context(width_px: int, height_px: int) -> Any:
     """
     try:
         import hexctl.mujoco_import  # noqa: F401
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise MissingExtraError("drawing", "pictures") from error
     wanted = os.environ.get("MUJOCO_GL", "").lower()
     tried, reasons = (wanted,) if wanted in RENDERERS else tuple(RENDERERS), []

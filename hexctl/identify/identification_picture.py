@@ -1,12 +1,14 @@
 """Picture of an identification: measured and simulated angles, and the errors before and after."""
 
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hexctl.errors import MissingExtraError
+from hexctl.errors import MissingExtraError, argument
+from hexctl.files import write_new
 from hexctl.identify.identification import Identification
 from hexctl.identify.parameters import ServoValues
 from hexctl.types import JOINT_NAMES, N_JOINTS, FloatArray
@@ -21,10 +23,10 @@ MEASURED, BEFORE, NOW = ("measured", "black"), ("robot file before", "tab:orange
 
 
 def draw_identification(found: Identification, before: ServoValues | None, path: Path) -> None:
-    """Draw a joint of each log, or runs on a bench; raises MissingExtraError without Matplotlib."""
+    """Draw a joint of each log, or runs on a bench, as a new PNG; raises InputError, MissingExtraError."""
     try:
         from matplotlib.figure import Figure
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise MissingExtraError("the picture of an identification", "study") from error
     replays = found.replays[-MOST_ROWS:]
     values = {NOW: found.fit.values} if before is None else {BEFORE: before, NOW: found.fit.values}
@@ -33,7 +35,9 @@ def draw_identification(found: Identification, before: ServoValues | None, path:
         _draw_part(replay, values, angles, left)
     handles, labels = angles.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=3)
-    figure.savefig(path, dpi=120)
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png", dpi=120)
+    write_new(path, picture.getvalue(), argument("output"))
 
 
 def _draw_part(replay: Any, values: Mapping[tuple[str, str], ServoValues], angles: Any, left: Any) -> None:

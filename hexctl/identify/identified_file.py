@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.errors import InputError
-from hexctl.files import atomic_write
+from hexctl.errors import InputError, argument
+from hexctl.files import write_new
 from hexctl.identify.identification import Identification
 from hexctl.identify.parameters import SCALE, RobotValues, play_shares
 from hexctl.robot.loader import load_robot_file
@@ -81,7 +81,7 @@ def identified_text(robot_file: str | Path, found: Identification, folder: Path)
 
 def write_identified(robot_file: str | Path, found: Identification, output: Path) -> None:
     """Write `identified_text` to a new file, and check that it is a robot."""
-    atomic_write(output, identified_text(robot_file, found, output.parent))
+    write_new(output, identified_text(robot_file, found, output.parent), argument("output"))
     try:
         load_robot_file(output)
     except InputError:

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 from hexctl.backends.robot_options import RecordedOptions
 from hexctl.backends.sim.world import World
 from hexctl.errors import InputError, UnusedError, argument
-from hexctl.files import write_trouble
+from hexctl.files import check_new, write_trouble
 from hexctl.options import UNTYPED, Range, Typed, check_fields
 
 #: Why an option of motions is refused.
@@ -62,8 +62,7 @@ class IdentifyOptions(RecordedOptions):
         if path.suffix != ".yaml":
             raise InputError(f"{argument('output')}: got {path.name}; allowed: a new file .yaml")
         for file in (path, picture_of(path)):
-            if file.exists():
-                raise InputError(f"{argument('output')}: {file} exists; allowed: a new file")
+            check_new(file, argument("output"))
         if not path.parent.is_dir() or write_trouble(path.parent) is not None:
             raise InputError(f"{argument('output')}: got {path}; allowed: a file in a writable folder")
         from hexctl.robot.loader import load_robot_file

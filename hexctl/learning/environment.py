@@ -31,7 +31,7 @@ from hexctl.types import GRAVITY_M_S2, N_LEGS, FloatArray, JointTargets
 try:
     import gymnasium
     from gymnasium.spaces import Box
-except ImportError as error:
+except ModuleNotFoundError as error:
     raise MissingExtraError("hexctl.learning.environment", "learn") from error
 
 ID = "hexctl/Hexapod-v0"

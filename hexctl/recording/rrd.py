@@ -39,7 +39,7 @@ def load_rerun() -> Any:
     try:
         with _without_footer_warnings():
             import rerun
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise MissingExtraError("recording", "view") from error
     return rerun
 
@@ -196,6 +196,8 @@ ROOM_BYTES = 500_000
 def create_file(path: Path) -> None:
     """Make an empty file and its folders; raises InputError if it exists or cannot be written."""
     create_folders(path)
+    if os.fsencode(path).decode(errors="replace") != str(path):
+        raise InputError(f"recording: got {path}; allowed: a path in UTF-8, for Rerun")
     try:
         with path.open("xb") as file:
             _check_room(file, path)

@@ -109,7 +109,7 @@ def entity_of(batch: Any) -> str:
 def _read(path: Path) -> Iterator[tuple[int, Any]]:
     try:
         import pyarrow
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise MissingExtraError("reading a recording", "view") from error
     check_recording(path)
     try:

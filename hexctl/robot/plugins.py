@@ -15,9 +15,12 @@ MadeT = TypeVar("MadeT")
 
 
 def module_here(name: str) -> ModuleType:
-    """Module of a dotted name, also in the working folder; raises the errors of the import."""
+    """Module of a dotted name, also in the working folder; raises the errors of the import.
+
+    Libraries come first: a `rerun.py` in the folder must not replace Rerun.
+    """
     if os.getcwd() not in sys.path:
-        sys.path.insert(0, os.getcwd())
+        sys.path.append(os.getcwd())
     return importlib.import_module(name)
 
 

@@ -13,7 +13,7 @@ from hexctl.errors import MissingExtraError
 
 try:
     import pytest
-except ImportError as error:
+except ModuleNotFoundError as error:
     raise MissingExtraError("hexctl.testing", "testing") from error
 
 # Before the import of the suites: a failed comparison then shows both of its sides.

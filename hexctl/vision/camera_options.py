@@ -3,13 +3,13 @@
 Light to import, without OpenCV: the help of `hexctl see` needs only these.
 """
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from hexctl.errors import InputError, argument
+from hexctl.files import check_new
 from hexctl.options import RARE, Range, Typed, check_fields
 from hexctl.wire.links import Link, LinkOptions, load_link
 
@@ -30,8 +30,7 @@ def parse_size(text: str) -> tuple[int, int]:
 
 def check_new_file(name: str, path: str | Path) -> None:
     """Raise InputError for a file that exists or whose folder is missing; `name` is its option."""
-    if os.path.lexists(path):
-        raise InputError(f"{argument(name)}: {path} exists; allowed: a new file, nothing is replaced")
+    check_new(Path(path), argument(name))
     check_folder(name, path)
 
 

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from hexctl.errors import InputError, argument
+from hexctl.files import write_new
 from hexctl.vision.detection.camera_watch import CameraChange
 from hexctl.vision.detection.overlay import with_overlay
 from hexctl.vision.detection.planar_pose import PlanarPose
@@ -102,12 +103,12 @@ class PoseTable:
 
     def __init__(self, path: Path) -> None:
         """Begin a new file. Raises InputError if that fails."""
+        write_new(path, f"{','.join(COLUMNS)}\r\n", argument("poses"))
         try:
-            self._file = path.open("x", buffering=1, encoding="utf-8", newline="")
+            self._file = path.open("a", buffering=1, encoding="utf-8", newline="")
         except OSError as error:
             raise InputError(f"{argument('poses')}: {path} cannot be written: {error.strerror}") from error
         self._rows = csv.writer(self._file)
-        self._rows.writerow(COLUMNS)
 
     def write(self, at_s: float, estimate: PoseEstimate, observation: Observation) -> None:
         """Write a row for a picture that came at a time."""

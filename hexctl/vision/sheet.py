@@ -9,9 +9,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from hexctl.errors import InputError, argument
-from hexctl.files import atomic_write
+from hexctl.files import write_new
 from hexctl.options import Range, check_fields
-from hexctl.vision.camera_options import check_new_file
 from hexctl.vision.detection.calibration_board import SQUARE_M, SQUARES, black_squares
 from hexctl.vision.detection.tags import FAMILY, HOME_TAG, MODULES, TAG_IDS, tag_modules
 
@@ -132,11 +131,7 @@ class Sheet:
 
 def save_sheet(sheet: Sheet, path: Path) -> None:
     """Write the pages as a new PDF file. Raises InputError for one that exists or cannot be written."""
-    try:
-        check_new_file("output", path)
-        atomic_write(path, sheet.pdf())
-    except OSError as error:
-        raise InputError(f"{argument('output')}: {path} cannot be written: {error.strerror}") from error
+    write_new(path, sheet.pdf(), argument("output"))
 
 
 class _Page:

@@ -16,7 +16,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from hexctl.errors import InputError, MessageError
-from hexctl.files import read_key
+from hexctl.files import read_key, write_new
 from hexctl.wire.links import Link, Role
 
 #: Version of this format, part of the mark.
@@ -165,18 +165,15 @@ def write_stop_secret(folder: Path) -> list[Path]:
     for place in places:
         if not place.is_dir():
             raise InputError(f"{place}: is missing; allowed: a complete folder from hexctl keys new")
-        if (place / SECRET_FILE).exists():
-            raise InputError(f"{place / SECRET_FILE}: is there already; allowed: a folder without one")
     content, written = f"{secrets.token_hex(SECRET_BYTES)}\n".encode(), list[Path]()
     try:
         for place in places:
-            (path := place / SECRET_FILE).touch(0o600, exist_ok=False)
-            written.append(path)
-            path.write_bytes(content)
-    except OSError as error:
+            write_new(place / SECRET_FILE, content, "FOLDER", mode=0o600)
+            written.append(place / SECRET_FILE)
+    except InputError:
         for path in written:  # both ends need the same secret
             path.unlink(missing_ok=True)
-        raise InputError(f"{folder}: cannot be written ({error.strerror}); allowed: one of yours") from error
+        raise
     return written
 
 

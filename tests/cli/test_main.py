@@ -9,11 +9,14 @@ from pathlib import Path
 
 import pytest
 
+import hexctl
 from hexctl.cli.console import flag_of, in_flags
 from hexctl.cli.entry import MAY_HANG
 from hexctl.errors import InputError, argument
 from tests.cli.conftest import Call
 from tests.cli.terminals import run_program
+
+PACKAGE = Path(hexctl.__file__).parent
 
 HEAVY = (
     *("mujoco", "dm_control", "rerun", "numpy", "pydantic", "yaml", "scipy", "pymavlink", "serial"),
@@ -130,10 +133,10 @@ def test_names_that_are_no_utf_8_are_refused_in_one_printable_line(
 def test_a_full_disk_is_a_fault_whatever_was_to_be_written(
     call: Call, number: int, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(path: Path, _: object) -> None:
+    def refuse(path: Path, _: object = None) -> None:
         raise OSError(number, os.strerror(number), str(path))
 
-    monkeypatch.setattr("hexctl.vision.sheet.atomic_write", refuse)
+    monkeypatch.setattr("hexctl.files.sync", refuse)
     call("see print --output", str(tmp_path / "sheet.pdf"), code=code)
     monkeypatch.setattr("hexctl.robot.configs.read_file", refuse)
     call("check ant", code=code)
@@ -184,6 +187,29 @@ def process(*arguments: str, stdout: int) -> tuple[int, str]:
     command = [sys.executable, "-m", "hexctl", *arguments]
     done = subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, timeout=60, check=False)
     return done.returncode, done.stderr.decode()
+
+
+@pytest.mark.parametrize(
+    "error", [ImportError("failed to map segment"), MemoryError(), RuntimeError("can't start new thread")]
+)
+def test_low_memory_is_a_fault_and_no_missing_extra(
+    error: Exception, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("hexctl.cli.robot.robot_command.config_names", fail)
+    assert "extra" not in call("robot list", code=3).refusal
+    caught = [path for path in PACKAGE.rglob("*.py") if "except ImportError" in path.read_text()]
+    assert not caught, "a library that does not load is not missing; allowed: except ModuleNotFoundError"
+
+
+@pytest.mark.parametrize("closed", ["<&- >&-", ">&-", ">&- 2>&-"])
+@pytest.mark.slow
+def test_closed_streams_are_discarded_and_given_to_no_file(closed: str) -> None:
+    program = "import os, sys; from hexctl.cli.entry import open_closed_streams as o; o(); print(1); "
+    program += "file = open(os.devnull); sys.exit(file.fileno() <= 2 or not os.get_inheritable(1))"
+    assert subprocess.run(["/bin/sh", "-c", f'"$0" -c "$1" {closed}', sys.executable, program]).returncode == 0
 
 
 @pytest.mark.slow

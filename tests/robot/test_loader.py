@@ -5,6 +5,7 @@ import os
 import pickle
 import sys
 from dataclasses import replace
+from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import Any
 
@@ -227,12 +228,18 @@ def test_a_path_or_a_name_without_a_file_is_refused_with_the_known_names(tmp_pat
             load_robot(value)  # type: ignore[arg-type]
 
 
-def test_a_module_in_the_working_folder_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "my_robot_parts.py").write_text("ANSWER = 42\n", encoding="utf-8")
+def test_a_module_in_the_working_folder_replaces_no_library(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("my_robot_parts", "numpy"):
+        (tmp_path / f"{name}.py").write_text("ANSWER = 42\n", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
     try:
         assert module_here("my_robot_parts").ANSWER == 42
+        library = PathFinder.find_spec("numpy", sys.path)
+        assert library is not None
+        assert str(library.origin).endswith("numpy/__init__.py")
     finally:
         sys.modules.pop("my_robot_parts", None)
 

@@ -1,5 +1,6 @@
 """Comparison of sessions: the best score so far against the number of trials."""
 
+import io
 from collections.abc import Sequence
 from itertools import accumulate
 from pathlib import Path
@@ -9,6 +10,7 @@ from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.walk_records import BaselineRecord
 from hexctl.errors import InputError, MissingExtraError, argument
+from hexctl.files import write_new
 
 #: What two searches need alike for their scores to be comparable.
 SET_UP = ("robot", "world", "failure", "duration_s", "heading_rad", "hold")
@@ -69,12 +71,9 @@ def draw_comparison(sessions: Sequence[Session], path: Path) -> None:
         raise MissingExtraError("a plot", "study") from error
     figure = Figure(figsize=(8, 5), layout="constrained")
     _draw(sessions, figure.add_subplot())
-    try:
-        with path.open("xb") as file:
-            figure.savefig(file, format="png", dpi=150)
-    except OSError as error:
-        reason = "exists" if isinstance(error, FileExistsError) else f"cannot be written ({error.strerror})"
-        raise InputError(f"{argument('out')}: {path} {reason}; allowed: a new .png file") from error
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png", dpi=150)
+    write_new(path, picture.getvalue(), argument("out"))
 
 
 def _draw(sessions: Sequence[Session], axes: Any) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common
 
 from hexctl.errors import InputError
-from hexctl.files import read_key
+from hexctl.files import folder_trouble, read_key, write_new
 
 #: First byte of a MAVLink 2 frame, length of its header, its checksum, and its signature.
 MAGIC, HEADER, CHECKSUM, SIGNATURE = 0xFD, 10, 2, 13
@@ -177,11 +177,7 @@ def write_signing_key(folder: Path) -> Path:
     path = folder / KEY_FILE
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        path.touch(0o600, exist_ok=False)
-        path.write_text(f"{secrets.token_hex(KEY_BYTES)}\n", encoding="ascii")
-    except FileExistsError as error:
-        raise InputError(f"{path}: is there already; allowed: a folder without one") from error
     except OSError as error:
-        path.unlink(missing_ok=True)  # an empty key would keep out the next one
-        raise InputError(f"{path}: cannot be made ({error.strerror}); allowed: a folder of yours") from error
+        raise InputError(f"{folder_trouble(folder, error)}; allowed: a folder of yours") from error
+    write_new(path, f"{secrets.token_hex(KEY_BYTES)}\n", "FOLDER", mode=0o600)
     return path

@@ -206,7 +206,7 @@ def _write(found: "Identification", options: IdentifyOptions, paths: list[Path])
     before = None if paths[0].suffix == ".json" else RobotValues.of(load_robot(str(options.robot)))
     try:
         draw_identification(found, before, picture_of(output))
-    except MissingExtraError as error:
+    except (MissingExtraError, InputError) as error:
         print_message(f"no picture: {error}")
         return str(output)
     return f"{output} and {picture_of(output)}"

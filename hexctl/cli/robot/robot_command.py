@@ -13,6 +13,7 @@ from hexctl.cli.settings import Commands
 from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import choice
 from hexctl.errors import InputError, printable
+from hexctl.files import write_new
 from hexctl.options import listed
 from hexctl.robot.configs import config_names, find_config, read_mapping
 
@@ -148,13 +149,7 @@ def _check_yaml(path: Path, option: str) -> None:
 
 def _write_new(path: Path, text: str, option: str) -> None:
     _check_yaml(path, option)
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise InputError(f"{option}: {path} exists; allowed: a new file, nothing is replaced") from None
-    except OSError as error:
-        raise InputError(f"{option}: {path} cannot be written ({error.strerror})") from error
+    write_new(path, text, option)
 
 
 def _point(text: str | None) -> tuple[float, float, float] | None:

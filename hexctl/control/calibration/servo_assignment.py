@@ -13,7 +13,7 @@ from hexctl.backends.bus.tools import opened_line, the_servo
 from hexctl.control.calibration.operator import EndedError, Operator, ask
 from hexctl.control.calibration.servo_trial import WIGGLE_DEG, wiggle
 from hexctl.errors import InputError, RobotFaultError, argument
-from hexctl.files import atomic_write
+from hexctl.files import atomic_write, check_new, write_new
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS
 
@@ -70,10 +70,7 @@ class ServoAssignment:
         """Continue from a draft; raises InputError for an existing output and a draft of another bus."""
         if self.output is None or self.draft is None:
             return
-        if self.output.exists():
-            raise InputError(
-                f"{argument('output')}: got {self.output}, which there is already; allowed: a new file"
-            )
+        check_new(self.output, argument("output"))
         if not self.output.parent.is_dir():
             raise InputError(
                 f"{argument('output')}: got {self.output}; allowed: a file in an existing folder"
@@ -91,9 +88,7 @@ class ServoAssignment:
         """Write the output once every joint is known; whether it was written."""
         if self.output is None or self.draft is None or not self.complete:
             return False
-        if self.output.exists():
-            raise InputError(f"{argument('output')}: got {self.output}, which there is by now; allowed: none")
-        atomic_write(self.output, self.section())
+        write_new(self.output, self.section(), argument("output"))
         self.draft.unlink(missing_ok=True)
         return True
 

@@ -33,7 +33,7 @@ def read_mjcf(path: Path) -> LinkTree:
     """Tree of an MJCF file; raises InputError for no valid MJCF, MissingExtraError without MuJoCo."""
     try:
         from hexctl.mujoco_import import mujoco
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise MissingExtraError("importing an MJCF", "sim") from error
     try:
         read_file(path, MOST_BYTES)
