@@ -386,6 +386,17 @@ class RobotSchema(Section):
     meshes: MeshesSection = MeshesSection()
     unknown: tuple[str, ...] = ()
 
+    @model_validator(mode="before")
+    @classmethod
+    def _gain_of_real_servos(cls, given: Any) -> Any:
+        """The stiffness holds for a P gain, which the real servos need, too."""
+        if not isinstance(given, dict):
+            return given
+        servo, servos = (given.get(name) or {} for name in ("servo", "servos"))
+        if isinstance(servo, dict) and isinstance(servos, dict) and P_GAIN in servo:
+            return {**given, "servos": {P_GAIN: servo[P_GAIN], **servos}}
+        return given
+
     @field_validator("servo", mode="before")
     @classmethod
     def _stiffness_of_gain(cls, given: Any) -> Any:

@@ -19,7 +19,7 @@ class SimulatedLx16aServo(SimulatedServo):
     def __init__(self, servo_id: int, model: ServoType, count: float) -> None:
         self.usual_v = TWO_CELLS_V if model.least_v < TWO_CELLS_V else THREE_CELLS_V
         self.servo_id, self.loaded, self.limits = servo_id, False, (0, 1000)
-        self.voltages_mv, self.most_c, self.motor = (4500, 12000), 85, False
+        self.voltages_mv, self.most_c, self.motor, self.offset = (4500, 12000), 85, False, 0
         self.position = self._goal = self._from = count
         self._began_s, self._time_s = 0.0, 0.0
         self._voltage_v, self._temperature_c = self.usual_v, USUAL_C
@@ -69,6 +69,7 @@ class SimulatedLx16aServo(SimulatedServo):
         """Parameters of the answer to a reading command."""
         values: dict[int, tuple[int, ...]] = {
             lx.READ_ID: (self.servo_id,),
+            lx.READ_OFFSET: (self.offset,),
             lx.READ_LIMITS: self.limits,
             lx.READ_VOLTAGE_LIMITS: self.voltages_mv,
             lx.READ_MOST_TEMPERATURE: (self.most_c,),

@@ -64,6 +64,7 @@ class BusServo(SimulatedServo):
             *zip(table.firmware, FIRMWARES[len(table.firmware)], strict=True),
             *([] if table.voltages is None else zip(table.voltages, VOLTAGES_V, strict=True)),
             (table.overload_torque, 0.2),
+            *((each.register, each.value) for each in table.tuning),
             (table.position, counts),
             (table.voltage, USUAL_V),
             (table.temperature, USUAL_C),
@@ -91,6 +92,7 @@ class BusServo(SimulatedServo):
             (table.hardware_error, 0),
             (table.watchdog, 0),
             (table.unlock, 1),
+            *((each.register, each.value) for each in table.tuning if each.register.address >= table.ram),
             (table.torque_limit, 0 if table.max_torque is None else self.number(table.max_torque)),
             (table.soft_torque, 0 if table.max_torque is None else self.number(table.max_torque)),
         ):

@@ -209,7 +209,9 @@ def test_low_memory_is_a_fault_and_no_missing_extra(
 def test_closed_streams_are_discarded_and_given_to_no_file(closed: str) -> None:
     program = "import os, sys; from hexctl.cli.entry import open_closed_streams as o; o(); print(1); "
     program += "file = open(os.devnull); sys.exit(file.fileno() <= 2 or not os.get_inheritable(1))"
-    assert subprocess.run(["/bin/sh", "-c", f'"$0" -c "$1" {closed}', sys.executable, program]).returncode == 0
+    assert (
+        subprocess.run(["/bin/sh", "-c", f'"$0" -c "$1" {closed}', sys.executable, program]).returncode == 0
+    )
 
 
 @pytest.mark.slow

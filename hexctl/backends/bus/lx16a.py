@@ -15,7 +15,7 @@ import numpy as np
 
 from hexctl.backends.bus.packet_line import TIMEOUT_TIMES, PacketLine
 from hexctl.backends.bus.packets import SumPackets
-from hexctl.backends.bus.servo import TRIES, FoundServo, Servo, ServoSettings
+from hexctl.backends.bus.servo import NO_GAIN, OFFSET, TRIES, FoundServo, Servo, ServoSettings
 from hexctl.backends.bus.servo_bus import BusCounters, Report, ServoBus
 from hexctl.robot.servos.servo_models import ServoType
 from hexctl.types import BoolArray, FloatArray
@@ -27,12 +27,13 @@ MOVE, WRITE_ID, WRITE_LIMITS, WRITE_MODE, WRITE_LOAD = 1, 13, 20, 29, 31
 WRITE_BYTES = {MOVE: 4, WRITE_ID: 1, WRITE_LIMITS: 4, WRITE_MODE: 4, WRITE_LOAD: 1}
 
 #: Commands that ask.
-READ_ID, READ_LIMITS, READ_VOLTAGE_LIMITS, READ_MOST_TEMPERATURE = 14, 21, 23, 25
+READ_ID, READ_OFFSET, READ_LIMITS, READ_VOLTAGE_LIMITS, READ_MOST_TEMPERATURE = 14, 19, 21, 23, 25
 READ_TEMPERATURE, READ_VOLTAGE, READ_POSITION, READ_MODE, READ_LOAD = 26, 27, 28, 30, 32
 
 #: Parameters in the answer to each command that asks.
 ANSWER_BYTES = {
     READ_ID: 1,
+    READ_OFFSET: 1,
     READ_LIMITS: 4,
     READ_VOLTAGE_LIMITS: 4,
     READ_MOST_TEMPERATURE: 1,
@@ -166,6 +167,10 @@ class Lx16aServo(Servo):
         most_c = self._twice(lambda: self.number(READ_MOST_TEMPERATURE)) or FACTORY_MOST_C
         if most_c > FACTORY_MOST_C:
             notes.append(f"it lets go at {most_c:.0f} degrees C, from the factory at {FACTORY_MOST_C}")
+        if self.p_gain is not None:
+            notes.append(NO_GAIN)
+        if self._twice(lambda: self.number(READ_OFFSET)):
+            notes.append(OFFSET)
         limits_mv, now_mv = self._pair(READ_VOLTAGE_LIMITS), self.number(READ_VOLTAGE)
         if limits_mv is not None and now_mv is not None and not limits_mv[0] <= now_mv <= limits_mv[1]:
             least_v, most_v = (each / 1000 for each in limits_mv)

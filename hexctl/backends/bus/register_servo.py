@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import READ, REBOOT, WRITE, StatusPacket
 from hexctl.backends.bus.registers import Register, RequiredValue, bit_words, table_of
-from hexctl.backends.bus.servo import TRIES, FoundServo, Servo, ServoSettings
+from hexctl.backends.bus.servo import NO_GAIN, OFFSET, TRIES, FoundServo, Servo, ServoSettings
 from hexctl.robot.servos.servo_models import SERVO_TYPES, ServoType
 
 #: Message for a silent servo.
@@ -145,6 +145,7 @@ class RegisterServo(Servo):
             error=error,
             firmware=self.firmware(),
             variant=self.variant(),
+            p_gain=self.read_twice(self.table.p_gain),
         )
 
     def firmware(self) -> str:
@@ -225,7 +226,17 @@ class RegisterServo(Servo):
                 notes.append(_changed(f"{required.name} from {required.of(now)} to {required.value}", said))
                 if not said:
                     notes += self._set_to_zero(required.then_zero)
-        return notes
+        return notes + self._set_p_gain()
+
+    def _set_p_gain(self) -> list[str]:
+        """Set the P gain that the robot file states, for which its stiffness holds."""
+        register, wanted = self.table.p_gain, self.p_gain
+        now = self.read_twice(register)
+        if register is None or wanted is None or now in (None, round(wanted)):
+            return []
+        fits = round(wanted) < 1 << 8 * register.size
+        said = self.change(register, wanted) if fits else "it is too large"
+        return [_changed(f"its P gain from {now} to {wanted:g}, as the robot file states", said)]
 
     def _deviations(self) -> Iterator[tuple[RequiredValue, int]]:
         """Required values that the servo does not have, and the raw numbers of their registers."""
@@ -339,6 +350,7 @@ class RegisterServo(Servo):
             notes.append(f"its speed is limited to {self._speed_unit() * speed:.0f} degrees/s")
         if acceleration := self.value_twice(table.acceleration):
             notes.append(f"its acceleration is limited to {acceleration:.0f} degrees/s^2")
+        notes += self._tuning_notes()
         if alert := self.hardware_error():
             bits = self.read_twice(table.hardware_error)
             tripped = shutdown is None or bits is None or bits & shutdown
@@ -348,6 +360,20 @@ class RegisterServo(Servo):
                 else f"its alert is on ({alert}), and its torque stays on"
             )
         return notes + self._variant_notes()
+
+    def _tuning_notes(self) -> Iterator[str]:
+        """Notes on settings for which stiffness and angles of the robot file do not hold."""
+        table, stated = self.table, None if self.p_gain is None else round(self.p_gain)
+        if stated is not None and table.p_gain is None:
+            yield NO_GAIN
+        elif stated is not None and (now := self.read_twice(table.p_gain)) not in (None, stated):
+            yield f"its P gain is {now}, and the robot file states {stated}; {_LATER}"
+        for each in table.tuning:
+            now = self.read_twice(each.register)
+            if now not in (None, each.value) and (stated is None or each.register != table.p_gain):
+                yield f"its {each.name} is {now}, from the factory {each.value}"
+        if self.value_twice(table.offset):
+            yield OFFSET
 
     def _speed_unit(self) -> float:
         """How many times larger its counts of a speed are."""

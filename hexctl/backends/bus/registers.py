@@ -5,10 +5,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
-#: How a number has its sign: not at all, in two's complement, or in its bit 10 or 15.
-Sign = Literal["none", "twos", "bit10", "bit15"]
+#: How a number has its sign: not at all, in two's complement, or in its bit 10, 11 or 15.
+Sign = Literal["none", "twos", "bit10", "bit11", "bit15"]
 
-_SIGN_BITS = {"bit10": 1 << 10, "bit15": 1 << 15}
+_SIGN_BITS = {"bit10": 1 << 10, "bit11": 1 << 11, "bit15": 1 << 15}
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +68,15 @@ class RequiredValue:
         return self.value if self.bit is None else raw & ~(1 << self.bit) | self.value << self.bit
 
 
+@dataclass(frozen=True, slots=True)
+class FactoryValue:
+    """Setting on which the stiffness and damping of a servo depend, and its value from the factory."""
+
+    register: Register
+    value: int
+    name: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class RegisterTable:
     """Registers of compatible servos; None for those that a servo does not have.
@@ -93,6 +102,9 @@ class RegisterTable:
     most: Register  # highest goal
     mode: RequiredValue | None = None  # without one, a servo with both limits at 0 is in wheel mode
     also_required: tuple[RequiredValue, ...] = ()  # that change what counts and goals mean
+    p_gain: Register | None = None  # of the position control, to which the stiffness is proportional
+    tuning: tuple[FactoryValue, ...] = ()
+    offset: Register | None = None  # of its counts
     slow_unit: tuple[Register, int, float] | None = None  # speeds count so many times as much without a bit
     status_level: tuple[Register, int] | None = None  # which instructions are answered, and all of them
     shadow_id: Register | None = None  # another id whose goals it follows; none above the highest id
@@ -188,6 +200,12 @@ _REFUSALS_2 = {
     7: "access",
 }
 
+
+def _tuned(*values: tuple[int, int, int, str]) -> tuple[FactoryValue, ...]:
+    """Settings by address, size, value from the factory, and name."""
+    return tuple(FactoryValue(Register(address, size), value, name) for address, size, value, name in values)
+
+
 #: AX-12A, AX-18A (ROBOTIS e-Manual): no sync read.
 AX = RegisterTable(
     protocol=1,
@@ -204,6 +222,13 @@ AX = RegisterTable(
     ram=24,
     least=Register(6, 2),
     most=Register(8, 2),
+    tuning=_tuned(
+        (26, 1, 1, "CW compliance margin"),
+        (27, 1, 1, "CCW compliance margin"),
+        (28, 1, 32, "CW compliance slope"),
+        (29, 1, 32, "CCW compliance slope"),
+        (48, 2, 32, "punch"),
+    ),
     status_level=(Register(16), 2),
     firmware=(Register(2),),
     voltages=(Register(12, scale=0.1), Register(13, scale=0.1)),
@@ -227,6 +252,8 @@ XL320 = replace(
     temperature=Register(46),
     sync_read=True,
     mode=RequiredValue(Register(11), 2, "its operating mode"),
+    p_gain=Register(29),
+    tuning=_tuned((29, 1, 32, "P gain"), (28, 1, 0, "I gain"), (27, 1, 0, "D gain")),
     status_level=(Register(17), 2),
     voltages=(Register(13, scale=0.1), Register(14, scale=0.1)),
     protections={0: "overload", 1: "heat"},
@@ -241,6 +268,14 @@ XL320 = replace(
 
 #: Limits of acceleration and velocity of X servos, or durations in ms with a time-based profile.
 _X_PROFILE = (Register(108, 4), Register(112, 4))
+
+#: Gains of X servos but the P gain.
+_X_GAINS = (
+    (80, 2, 0, "D gain"),
+    (82, 2, 0, "I gain"),
+    (88, 2, 0, "feedforward 2nd gain"),
+    (90, 2, 0, "feedforward 1st gain"),
+)
 
 #: XL430 (ROBOTIS e-Manual).
 X = RegisterTable(
@@ -265,6 +300,9 @@ X = RegisterTable(
         RequiredValue(Register(10), 0, "its flag for counts in reverse", 0, writable=False),
         RequiredValue(Register(10), 0, "its flag for goals that switch its torque on", 3, writable=False),
     ),
+    p_gain=Register(84, 2),
+    tuning=_tuned((84, 2, 800, "P gain"), *_X_GAINS),
+    offset=Register(20, 4, "twos"),
     status_level=(Register(68), 2),
     shadow_id=Register(12),
     firmware=(Register(6),),
@@ -284,7 +322,13 @@ X = RegisterTable(
 )
 
 #: XL330 and XM430, which measure their current in place of the load.
-XL330 = replace(X, effort=None, current=Register(126, 2, "twos", 0.001), least_firmware=None)
+XL330 = replace(
+    X,
+    effort=None,
+    current=Register(126, 2, "twos", 0.001),
+    least_firmware=None,
+    tuning=_tuned((84, 2, 400, "P gain"), *_X_GAINS),
+)
 XM430 = replace(X, effort=None, current=Register(126, 2, "twos", 0.00269))
 
 #: STS3215 and its kin (memory table of STS, with its phase byte, 18): at full speed, settings kept from
@@ -310,6 +354,16 @@ STS = RegisterTable(
         RequiredValue(Register(18), 1, "its flag for a speed of 0 as full speed", 3),
         RequiredValue(Register(30), 1, "its angular resolution"),
     ),
+    p_gain=Register(21),
+    tuning=_tuned(
+        (21, 1, 32, "P gain"),
+        (22, 1, 32, "D gain"),
+        (23, 1, 0, "I gain"),
+        (24, 1, 16, "starting force"),
+        (26, 1, 1, "CW dead zone"),
+        (27, 1, 1, "CCW dead zone"),
+    ),
+    offset=Register(31, 2, "bit11"),
     slow_unit=(Register(18), 2, 50.0),
     status_level=(Register(8), 1),
     firmware=(Register(0), Register(1)),
@@ -338,6 +392,8 @@ SCS = replace(
     sync_read=False,
     mode=None,
     also_required=(),
+    tuning=(),
+    offset=None,
     slow_unit=None,
     least_firmware=None,
     variants=(),

@@ -11,6 +11,10 @@ from hexctl.robot.servos.servo_models import ServoType
 #: Tries of what must arrive.
 TRIES = 4
 
+#: Notes on settings for which stiffness and angles of the robot file do not hold.
+NO_GAIN = "it has no P gain, which the robot file states"
+OFFSET = "it adds a stored offset to its counts; the robot file must be calibrated with it"
+
 Answer = TypeVar("Answer")
 
 
@@ -24,6 +28,7 @@ class FoundServo:
         error: its complaint; empty for none.
         firmware: its version; empty if unknown.
         variant: its type by its supply, and the limits of that; empty if unknown.
+        p_gain: of its position control.
     """
 
     servo_id: int
@@ -39,6 +44,7 @@ class FoundServo:
     error: str = ""
     firmware: str = ""
     variant: str = ""
+    p_gain: int | None = None
 
     @property
     def effort(self) -> float | None:
@@ -60,6 +66,7 @@ class FoundServo:
             "error": self.error,
             "firmware": self.firmware,
             "variant": self.variant,
+            "p_gain": self.p_gain,
         }
 
 
@@ -80,7 +87,13 @@ class ServoSettings:
 
 
 class Servo(ABC):
-    """One servo of a known or likely model, by its id. Its methods raise OSError when the port is lost."""
+    """One servo of a known or likely model, by its id. Its methods raise OSError when the port is lost.
+
+    Attributes:
+        p_gain: that the robot file states; None if it states none.
+    """
+
+    p_gain: float | None = None
 
     def __init__(self, packets: PacketLine, servo_id: int, model: ServoType) -> None:
         self._packets, self.servo_id, self.type = packets, servo_id, model

@@ -61,7 +61,10 @@ def bus_of(servos: BusMap, line: SerialLine, counters: BusCounters) -> ServoBus:
     """Bus of the servos of all joints on an open line, in the order of the joints."""
     packets = PacketLine(line, packets_of(servos.driver, servos.protocol))
     models = dict(zip(servos.ids.tolist(), servos.models, strict=True))
-    return BUSES[servos.driver](packets, models, counters)
+    bus = BUSES[servos.driver](packets, models, counters)
+    for servo in bus.servos:
+        servo.p_gain = servos.p_gain
+    return bus
 
 
 @contextmanager

@@ -101,6 +101,11 @@ def _print_scan(found: "Sequence[FoundServo]", servo_map: "BusMap | None", *, as
         rows = [{"joint": joint_of(servo_map, each.servo_id), **each.to_json()} for each in found]
         for note in id_differences(servo_map, [each.servo_id for each in found]):
             print_note(note)
+        stated = servo_map.p_gain
+        odd = [each for each in found if each.p_gain is not None and stated not in (None, each.p_gain)]
+        if odd:
+            ids = ", ".join(f"{each.servo_id} ({each.p_gain})" for each in odd)
+            print_note(f"P gain not {stated:g}, which the robot file states: id {ids}")
     if as_json:
         print_result(rows)
     elif rows:

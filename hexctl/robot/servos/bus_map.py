@@ -30,7 +30,8 @@ from hexctl.types import (
 class BusMap(RawMap):
     """Conversion between joint angles and counts of the servos on a bus, with ids (18,), each once.
 
-    Below `low_battery_v` the robot sits down; the default is the highest minimum supply of its models.
+    Below `low_battery_v` the robot sits down; the default is the highest minimum supply of its models. The
+    stiffness of the robot file holds for `p_gain`; None if it states none.
     """
 
     unit: ClassVar[str] = "counts"
@@ -38,6 +39,7 @@ class BusMap(RawMap):
     ids: IntPerJoint
     models: tuple[ServoType, ...]
     low_battery_v: float
+    p_gain: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -89,6 +91,7 @@ def bus_map_of(section: ServosSection, driver: str) -> BusMap:
         ids=np.array(ids, dtype=np.int64),
         models=models,
         low_battery_v=section.low_battery_v or max(model.least_v for model in models),
+        p_gain=section.p_gain,
         per_deg=np.array([model.counts_per_deg for model in models]),
         centre=np.array([float(model.centre) for model in models]),
         **calibration,

@@ -242,6 +242,7 @@ class State:
     change: Change = lambda _: None
     faults: tuple[str, ...] = ()
     other_baud: bool = False
+    p_gain: float | None = None
 
 
 def stored(address: int, value: int, size: int = 1) -> Change:
@@ -313,6 +314,16 @@ X = [
     State("half torque", "its torque is limited to 50 %", now(100, 443, 2)),
     State("speed limit", "its speed is limited to 55 degrees/s", now(112, 40, 4)),
     State("acceleration limit", "its acceleration is limited to 215 degrees/s^2", now(108, 10, 4)),
+    State("another P gain", "its P gain is 400, from the factory 800", now(84, 400, 2)),
+    State("P gain of the file", "set its P gain from 400 to 640, as", now(84, 400, 2), p_gain=640),
+    State(
+        "P gain of the file, torque on",
+        "its P gain is 400, and the robot file states 640",
+        both(now(84, 400, 2), now(64, 1)),
+        p_gain=640,
+    ),
+    State("D gain", "its D gain is 40, from the factory 0", now(80, 40, 2)),
+    State("homing offset", "it adds a stored offset", stored(20, -300 % 2**32, 4)),
     State("no protection from heat", "it does not protect itself from heat", stored(63, 0b100000)),
 ]
 
@@ -320,6 +331,8 @@ AX = [
     State("wheel mode", "it is in wheel mode", both(stored(6, 0, 2), stored(8, 0, 2))),
     State("torque limit 0 after an overload", "overload: ", tripped),
     State("half power", "voltage: all servos", faults=("battery:6",)),
+    State("soft slope", "its CW compliance slope is 128, from the factory 32", now(28, 128)),
+    State("P gain of the file", "it has no P gain", p_gain=32),
 ]
 
 STS = [
@@ -329,6 +342,10 @@ STS = [
     State("speed 0 is a stop", "set its flag for a speed of 0 as full speed from 0 to 1", stored(18, 4)),
     State("speed in 0.732 rpm", "its speed is limited to 44 degrees/s", both(stored(18, 8), now(46, 10, 2))),
     State("acceleration limit", "its acceleration is limited to 439 degrees/s^2", now(41, 50)),
+    State("P gain of LeRobot", "set its P gain from 16 to 32, as", stored(21, 16), p_gain=32),
+    State("no such P gain", "could not set its P gain from 32 to 800", p_gain=800),
+    State("dead zone", "its CCW dead zone is 8, from the factory 1", stored(27, 8)),
+    State("offset", "it adds a stored offset", stored(31, 2148, 2)),
     State("angular resolution 3", "set its angular resolution from 3 to 1", stored(30, 3)),
     State(
         "angular resolution, torque on", "its angular resolution is 3, not 1", both(stored(30, 3), now(40, 1))
@@ -357,6 +374,7 @@ STS = [
 LX = [
     State("motor mode", "ended its motor mode", made(motor=True)),
     State("limits end early", "its stored limits 400 to 600 end within", made(limits=(400, 600))),
+    State("offset", "it adds a stored offset", made(offset=60)),
     State("heat limit off", "it lets go at 100 degrees C, from the factory at 85", made(most_c=100)),
     State(
         "another supply", "it has 7.4 V, and lets go outside 9.0 to 12.0 V", made(voltages_mv=(9000, 12000))
@@ -376,7 +394,7 @@ FAMILIES = {
 
 def said(driver: str, model: str, state: State, *, later_ticks: int = 0) -> str:
     """What is said when the robot is connected, or of its servos' reports after that."""
-    bus_map = a_map(driver, model)
+    bus_map = replace(a_map(driver, model), p_gain=state.p_gain)
     with memory_bus(bus_map, *state.faults, baud=57_600 if state.other_baud else None) as bus:
         state.change(bus.board._servos[ODD])
         try:
