@@ -4,6 +4,7 @@ import json
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -173,17 +174,15 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
 def _joints(columns: "_Columns", path: Path) -> tuple[Rows, FloatArray]:
     """Times of the ticks in ns, (T,), and commanded and measured angles of the joints, (T, 2, 18).
 
-    Later rows of other columns, as after a kill, are dropped.
+    Ticks without both, as after a kill or in damage, are left out, and so are other columns there.
     """
     series = [columns.numbers(one.path, "Scalars:scalars", len(one.names)) for one in VECTORS]
-    ticks = min(len(times_ns) for times_ns, _ in series)
-    if not ticks:
+    ticks_ns = reduce(np.intersect1d, (times_ns for times_ns, _ in series))
+    if not len(ticks_ns):
         raise InputError(f"recording: {path} has no ticks; allowed: a recording with at least one")
-    times_ns = series[0][0][:ticks]
-    if not all(np.array_equal(others_ns[:ticks], times_ns) for others_ns, _ in series):
-        raise InputError(f"recording: {path} is damaged: its joints have different ticks")
-    columns.ticks_ns = times_ns
-    return times_ns, np.stack([angles_rad[:ticks] for _, angles_rad in series], axis=1)
+    columns.ticks_ns = ticks_ns
+    angles_rad = [found_rad[np.searchsorted(times_ns, ticks_ns)] for times_ns, found_rad in series]
+    return ticks_ns, np.stack(angles_rad, axis=1)
 
 
 class _Columns:
@@ -202,7 +201,12 @@ class _Columns:
 
     def samples(self, series: Series) -> Samples:
         times_ns, values = self.numbers(series.path, "Scalars:scalars", len(series.names))
-        return Samples(self.rows(times_ns), values)
+        there = self.kept(times_ns)
+        return Samples(self.rows(times_ns[there]), values[there])
+
+    def kept(self, times_ns: Rows) -> BoolArray:
+        """Which times are those of ticks, and not of ticks that damage has taken."""
+        return np.isin(times_ns, self.ticks_ns)
 
     def held(self, times_ns: Rows, states: list[str], names: tuple[str, ...]) -> Rows:
         """Index of the state at each tick, from states recorded on change, (T,)."""
@@ -215,10 +219,11 @@ class _Columns:
         return np.asarray(np.concatenate([[0], values])[found])
 
     def numbers(self, entity: str, component: str, width: int) -> tuple[Rows, FloatArray]:
-        """Times in ns, (N,), and values, (N, width), of a numeric component."""
+        """Times in ns, (N,), and values, (N, width), of a numeric component; damaged chunks are left out."""
         parts = [
-            (times, np.asarray(_flat(values), dtype=float).reshape(-1, width))
-            for times, values in self._rows(entity, component)
+            (times_ns, flat.reshape(-1, width))
+            for times_ns, values in self._rows(entity, component)
+            if (flat := np.asarray(_flat(values), dtype=float)).size == width * len(times_ns)
         ]
         return _joined(parts, np.empty((0, width)))
 
@@ -250,7 +255,8 @@ class _Columns:
         parts = [
             (times, np.asarray(others.cast("int64"))) for times, others in self._rows(ACTION.path, timeline)
         ]
-        return np.asarray(_joined(parts, np.empty(0, dtype=np.int64))[1])
+        times_ns, others_ns = _joined(parts, np.empty(0, dtype=np.int64))
+        return np.asarray(others_ns[self.kept(times_ns)])
 
     def _rows(self, entity: str, column: str) -> Iterator[tuple[Rows, Any]]:
         for batch in self._chunks.get(f"/{entity}", ()):
@@ -283,9 +289,9 @@ def _pose(columns: _Columns) -> tuple[FloatArray, FloatArray]:
     position_m, quaternion = np.full((ticks, 3), np.nan), np.full((ticks, 4), np.nan)
     times_ns, places_m = columns.numbers(paths.ROBOT, "Transform3D:translation", 3)
     _, quaternions = columns.numbers(paths.ROBOT, "Transform3D:quaternion", 4)
-    rows = columns.rows(times_ns)
-    quaternion[rows] = wxyz(quaternions)
-    known = _posed(times_ns, places_m)
+    rows, there = columns.rows(times_ns), columns.kept(times_ns)
+    quaternion[rows[there]] = wxyz(quaternions[there])
+    known = _posed(times_ns, places_m) & there
     position_m[rows[known]] = places_m[known]
     return position_m, quaternion
 

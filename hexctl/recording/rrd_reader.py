@@ -7,6 +7,7 @@ import logging
 import os
 import struct
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -22,8 +23,11 @@ MAGIC, HEAD_BYTES, MESSAGE_HEAD = b"RRF2", 12, struct.Struct("<QQ")
 #: Bytes after the last message of a file with an index: its place, and `END`.
 INDEX_END_BYTES, END = 32, b"RRF2FOOT"
 
-#: Kind of a message with a chunk.
-CHUNK = 2
+#: Kinds of messages: the last one of a file, one with a chunk, and the highest.
+LAST, CHUNK, MOST_KIND = 0, 2, 3
+
+#: Bytes that are searched together for the next chunk behind damage.
+SEARCHED_BYTES = 1 << 20
 
 #: Fields of such a message: store, compression (2 is LZ4), size of the Arrow stream, stream.
 STORE, COMPRESSION, LZ4, SIZE, STREAM = 1, 2, 2, 3, 5
@@ -36,22 +40,20 @@ MOST_RATIO = 256
 
 
 def read_chunks(path: Path) -> Iterator[Any]:
-    """Chunks of a file as Arrow record batches, including its layout; a truncated last message is skipped.
+    """Chunks of a file as Arrow record batches, including its layout; damaged ones are left out.
 
-    Raises InputError for a missing or damaged file, or of another version of Rerun, and
-    MissingExtraError without Rerun.
+    Raises InputError for a missing file, or one without an intact chunk, and MissingExtraError without Rerun.
     """
-    for _, batch in _read(path):
-        yield batch
+    yield from (message.batch for message in _read(path) if message.batch is not None)
 
 
 def rerun_chunks(path: Path) -> Iterator[Any]:
     """Chunks of a recording as Rerun's objects, without its layout; raises what `read_chunks` raises."""
     from rerun.chunk import Chunk
 
-    for store, batch in _read(path):
+    for message in _read(path):
         try:
-            chunks = Chunk.from_record_batch(batch) if store == RECORDING else ()
+            chunks = Chunk.from_record_batch(message.batch) if message.store == RECORDING else ()
         except (RuntimeError, ValueError) as error:
             raise _damaged(path, error) from error
         yield from chunks
@@ -71,10 +73,22 @@ def check_recording(path: Path) -> None:
         raise InputError(f"recording: {path} is not a Rerun recording; give an .rrd file that hexctl wrote")
 
 
-def check_viewable(path: Path) -> None:
-    """Raise what `read_chunks` raises for a recording on which a viewer would crash."""
-    for _ in read_chunks(path):
-        pass
+def viewable(path: Path, folder: Path) -> Path:
+    """A recording on which no viewer crashes: itself, or a copy of its intact parts in a folder.
+
+    Raises what `read_chunks` raises, and OSError if the copy cannot be written.
+    """
+    parts = [(message.begin, message.end) for message in _read(path)]
+    if sum(end - begin for begin, end in parts) >= path.stat().st_size - HEAD_BYTES - INDEX_END_BYTES:
+        return path
+    folder.mkdir(parents=True, exist_ok=True)
+    copy = folder / path.name
+    with path.open("rb") as file, copy.open("wb") as target:
+        target.write(file.read(HEAD_BYTES))
+        for begin, end in parts:
+            file.seek(begin)
+            target.write(file.read(end - begin))
+    return copy
 
 
 def check_end(path: Path, start: int = HEAD_BYTES, *, index: bool = True) -> None:
@@ -92,8 +106,7 @@ def check_end(path: Path, start: int = HEAD_BYTES, *, index: bool = True) -> Non
             if len(head) < MESSAGE_HEAD.size:
                 break
             at += MESSAGE_HEAD.size + MESSAGE_HEAD.unpack(head)[1]
-        file.seek(end if end > 0 else 0)
-        whole = start < at == end and (not index or _is_index_end(file.read()))
+        whole = start < at == end and (not index or _is_index(file, end))
     if not whole:
         raise RecordingError(f"{path}: the recording is incomplete; is the disk full?")
 
@@ -106,19 +119,83 @@ def entity_of(batch: Any) -> str:
     return str(path.decode())
 
 
-def _read(path: Path) -> Iterator[tuple[int, Any]]:
+@dataclass(frozen=True, slots=True)
+class _Message:
+    """Intact message of a file, from its head to its end; store and batch are those of a chunk."""
+
+    begin: int
+    end: int
+    store: int = 0
+    batch: Any = None
+
+
+def _read(path: Path) -> Iterator[_Message]:
+    """Intact messages; logs how much of a file is left out, raises InputError if every chunk is damaged."""
     try:
         import pyarrow
     except ModuleNotFoundError as error:
         raise MissingExtraError("reading a recording", "view") from error
     check_recording(path)
+    damage = (pyarrow.ArrowException, ValueError, LookupError, ArithmeticError, MemoryError)
+    at, left_out, intact = HEAD_BYTES, 0, False
+    why: Exception | None = None
     try:
         with path.open("rb") as file:
-            for message in _chunk_messages(file, path):
-                fields = dict(_fields(message))
-                yield _store(fields), _batch(fields)
-    except (pyarrow.ArrowException, OSError, ValueError, LookupError, ArithmeticError, MemoryError) as error:
+            size = os.fstat(file.fileno()).st_size
+            while at < size and not (size - at == INDEX_END_BYTES and _is_index(file, at)):
+                try:
+                    found = _message(file, at, size)
+                except damage as error:
+                    found, why = None, error
+                if found is None:
+                    begin, at = at, _next_chunk(file, at + 1, size)
+                    left_out += at - begin
+                else:
+                    intact, at = intact or found.batch is not None, found.end
+                    yield found
+    except OSError as error:
         raise _damaged(path, error) from error
+    if why is not None and not intact:
+        raise _damaged(path, why)
+    if left_out:
+        _warn(path, left_out, size)
+
+
+def _message(file: BinaryIO, begin: int, size: int) -> _Message | None:
+    """Message at a place of a file, None if none begins there; raises an error of its decoding for damage."""
+    file.seek(begin)
+    head = file.read(MESSAGE_HEAD.size)
+    if len(head) < MESSAGE_HEAD.size:
+        return None
+    kind, length = MESSAGE_HEAD.unpack(head)
+    end = begin + MESSAGE_HEAD.size + length
+    if kind > MOST_KIND or end > size or (kind == LAST and end < size - INDEX_END_BYTES):
+        return None
+    if kind != CHUNK:
+        return _Message(begin, end)
+    content = file.read(length)
+    try:
+        fields = dict(_fields(content))
+        return _Message(begin, end, _store(fields), _batch(fields))
+    except OSError as error:  # of LZ4
+        raise ValueError(str(error)) from error
+
+
+def _next_chunk(file: BinaryIO, at: int, size: int) -> int:
+    """Next place that may be the head of a chunk; the end of the file, or its index, without one."""
+    head = MESSAGE_HEAD.pack(CHUNK, 0)[: MESSAGE_HEAD.size // 2]
+    while at < size:
+        file.seek(at)
+        block = file.read(SEARCHED_BYTES)
+        if (found := block.find(head)) >= 0:
+            return at + found
+        at += max(len(block) - len(head) + 1, 1)
+    return size
+
+
+def _is_index(file: BinaryIO, at: int) -> bool:
+    file.seek(at)
+    return END in file.read(INDEX_END_BYTES)
 
 
 def _damaged(path: Path, error: Exception) -> InputError:
@@ -129,30 +206,10 @@ def _damaged(path: Path, error: Exception) -> InputError:
     )
 
 
-def _chunk_messages(file: BinaryIO, path: Path) -> Iterator[bytes]:
-    """Messages with chunks up to the end of a file or a truncated message."""
-    size = os.fstat(file.fileno()).st_size
-    at = file.seek(HEAD_BYTES)
-    while len(head := file.read(MESSAGE_HEAD.size)) == MESSAGE_HEAD.size:
-        kind, length = MESSAGE_HEAD.unpack(head)
-        if length > size - file.tell():
-            break
-        message, at = file.read(length), file.tell()
-        if kind == CHUNK:
-            yield message
-    file.seek(at)
-    if at < size and not _is_index_end(file.read(INDEX_END_BYTES + 1)):
-        _warn_of_rest(path, size - at)
-
-
-def _is_index_end(rest: bytes) -> bool:
-    return len(rest) == INDEX_END_BYTES and END in rest
-
-
 @lru_cache
-def _warn_of_rest(path: Path, left_out_bytes: int) -> None:
+def _warn(path: Path, left_out_bytes: int, size: int) -> None:
     """Cached, because a file may be read several times."""
-    _LOG.warning("%s is cut off or damaged: its last %d bytes are left out", path, left_out_bytes)
+    _LOG.warning("%s is cut off or damaged: %d of its %d bytes are left out", path, left_out_bytes, size)
 
 
 def _store(fields: dict[int, Any]) -> int:

@@ -7,7 +7,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from http import HTTPStatus
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -17,7 +17,8 @@ from urllib.parse import quote, unquote, urlencode
 
 from hexctl.errors import InputError, MissingExtraError, RecordingError
 from hexctl.files import file_instead
-from hexctl.recording.rrd_reader import check_viewable
+from hexctl.recording.rrd_reader import viewable
+from hexctl.scratch import scratch_folder
 
 LOCAL = "127.0.0.1"
 
@@ -44,16 +45,16 @@ def open_viewer(paths: Sequence[Path]) -> int:
     Raises InputError for a missing or damaged file or a file of another kind, RecordingError for a viewer
     that cannot start, and MissingExtraError without Rerun.
     """
-    for path in paths:
-        check_viewable(path)
-    # A separate port: another open viewer keeps its content.
-    options = ["--bind", LOCAL, "--port", "auto", *map(str, paths)]
-    with start_process([str(viewer_binary()), *options], stderr=subprocess.PIPE) as viewer:
-        try:
-            _, messages = viewer.communicate()
-        except BaseException:
-            viewer.kill()
-            raise
+    with scratch_folder() as spare:
+        shown = [str(viewable(path, spare / str(number))) for number, path in enumerate(paths)]
+        # A separate port: another open viewer keeps its content.
+        options = ["--bind", LOCAL, "--port", "auto", *shown]
+        with start_process([str(viewer_binary()), *options], stderr=subprocess.PIPE) as viewer:
+            try:
+                _, messages = viewer.communicate()
+            except BaseException:
+                viewer.kill()
+                raise
     if viewer.returncode > 0:
         raise RecordingError(_why(messages.decode(errors="replace"), paths))
     return viewer.returncode
@@ -145,16 +146,19 @@ class FileServer:
     def __init__(self, origin: str) -> None:
         """Listen at a free loopback port; pages of one origin, such as http://127.0.0.1:9090, may read."""
         self._files: dict[str, Path] = {}
+        self._spare = ExitStack()
         self._server = ThreadingHTTPServer((LOCAL, 0), self._handler(origin))
         self._thread = Thread(target=self._server.serve_forever, daemon=True)
 
     def __enter__(self) -> Self:
+        self._folder = self._spare.enter_context(scratch_folder())
         self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._server.shutdown()
         self._server.server_close()
+        self._spare.close()
 
     def base(self, folder: str) -> str:
         """Base URL of the files of a folder."""
@@ -162,8 +166,7 @@ class FileServer:
 
     def add(self, folder: str, path: Path) -> str:
         """Serve a recording below a folder and return its URL; raises InputError for a bad file."""
-        check_viewable(path)
-        self._files[f"/{folder}/{path.name}"] = path
+        self._files[f"/{folder}/{path.name}"] = viewable(path, self._folder / folder)
         return self.base(folder) + quote(path.name)
 
     def _handler(self, origin: str) -> type[SimpleHTTPRequestHandler]:

@@ -148,6 +148,25 @@ def test_of_a_program_that_was_killed_while_it_wrote_all_is_read_but_the_last_bl
     assert read.base_position_world == pytest.approx(positions, abs=8e-6, nan_ok=True)
 
 
+@pytest.mark.slow
+def test_damage_is_read_around(trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hexctl.recording.recording.BLOCK_TICKS", 40)
+    path = write(tmp_path / "walk.rrd", trial, block_ticks=1)
+    intact, content = read_trial(path), path.read_bytes()
+    for at in range(len(content) // 3, len(content) * 2 // 3, len(content) // 40):
+        path.write_bytes(content[:at] + bytes(3000) + content[at + 3000 :])
+        read = read_trial(path)
+        assert len(read) >= len(intact) - 90, "at most two blocks"
+        rows = np.searchsorted(intact.time_s, read.time_s)
+        for name in ("time_s", "walk_s", "stamps_ns", "commanded_rad", "measured_rad"):
+            assert np.array_equal(getattr(read, name), getattr(intact, name)[rows]), name
+        known = read.posed
+        assert np.array_equal(read.base_position_world[known], intact.base_position_world[rows][known])
+        samples, all_samples = read.torques_nm, intact.torques_nm
+        found = np.searchsorted(all_samples.rows, rows[samples.rows])
+        assert np.array_equal(samples.values, all_samples.values[found])
+
+
 def test_what_is_no_recording_of_a_trial_is_refused_in_one_line(tmp_path: Path) -> None:
     import rerun as rr
 

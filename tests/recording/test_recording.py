@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from threading import Event
@@ -31,10 +31,12 @@ from hexctl.recording.rrd_reader import (
     MESSAGE_HEAD,
     check_end,
     read_chunks,
+    viewable,
 )
 from hexctl.recording.rrd_reader import HEAD_BYTES as STREAM_HEAD_BYTES
 from hexctl.recording.viewer import viewer_binary
 from tests.recording.conftest import ReadBack, Trial, write
+from tests.recording.made_up import HEAD, arrow_stream, recording_of
 
 
 @pytest.fixture(scope="module")
@@ -317,6 +319,39 @@ def test_what_was_cut_off_is_read_up_to_there(
     warned = [record.getMessage() for record in caplog.records]
     assert len(warned) == (left_out_bytes > 0)
     assert all(str(cut) in text and f" {left_out_bytes} " in text for text in warned)
+
+
+def zeros(data: bytearray, at: int, count: int) -> None:
+    data[at : at + count] = bytes(count)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "lost"),
+    [
+        (lambda data, at: zeros(data, at, 16), 1),
+        (lambda data, at: zeros(data, at, 1), 1),
+        (lambda data, at: zeros(data, at + 8, 1), 1),
+        (lambda data, at: zeros(data, at + 40, 60), 1),
+        (lambda data, at: zeros(data, at - 60, 120), 2),
+        (lambda data, at: zeros(data, at + 20, len(data)), 3),
+        (lambda data, at: data.__delitem__(slice(at + 5, at + 15)), 1),
+        (lambda data, at: data.__setitem__(slice(at + 30, at + 30), b"\2" + bytes(30)), 1),
+    ],
+    ids=["head", "kind", "length", "middle", "end and head", "tail", "missing", "inserted"],
+)
+def test_damage_costs_the_chunks_that_it_hits(
+    spoil: Callable[[bytearray, int], None], lost: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path, chunk = tmp_path / "walk.rrd", recording_of(arrow_stream())[len(HEAD) :]
+    path.write_bytes(HEAD + 5 * chunk)
+    assert viewable(path, tmp_path / "spare") == path
+    spoiled = bytearray(path.read_bytes())
+    spoil(spoiled, len(HEAD) + 2 * len(chunk))
+    path.write_bytes(spoiled[: len(HEAD) + 5 * len(chunk) + 31])
+    assert len(list(read_chunks(path))) == 5 - lost
+    assert "left out" in caplog.text
+    copy = viewable(path, tmp_path / "spare")
+    assert copy.read_bytes() == HEAD + (5 - lost) * chunk
 
 
 @pytest.mark.slow

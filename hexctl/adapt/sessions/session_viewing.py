@@ -14,7 +14,7 @@ from hexctl.adapt.sessions.store import StoreError, load_session, stored_names
 from hexctl.adapt.sessions.walk_records import BASELINE_INDEX, BaselineRecord, TrialRecord, WalkRecord
 from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.files import OnDamage, log_damage
-from hexctl.recording.rrd_reader import check_viewable
+from hexctl.recording.rrd_reader import viewable
 from hexctl.recording.sessions.session_figures import write_overview_file
 from hexctl.recording.sessions.session_overview import Overview, OverviewTrial, SearchStep, drawable
 from hexctl.recording.side_by_side import write_together
@@ -206,8 +206,6 @@ def _common_scene(
 ) -> tuple[list[Path], Sequence[Path | StoredSession]]:
     """Scene files of several recordings, empty without one, and the choices outside it."""
     walks = [one for one in chosen if isinstance(one, Path) and one.name != FILE_NAME]
-    for walk in walks:
-        check_viewable(walk)
     if len(chosen) < 2 or not walks or sum(walk.stat().st_size for walk in walks) > MOST_TOGETHER_BYTES:
         return [], chosen
     try:
@@ -224,7 +222,7 @@ def _serve(
     if isinstance(chosen, Path):
         return files.add(into.name, chosen)
     session, folder = chosen
-    sound = _sound_ones(recordings_of(session, folder), on_damage)
+    sound = _sound_ones(recordings_of(session, folder), into, on_damage)
     for recording in sound.values():
         files.add(session.name, recording)
     base = files.base(session.name)
@@ -232,16 +230,14 @@ def _serve(
     return files.add(session.name, overview)
 
 
-def _sound_ones(recordings: RecordingPaths, on_damage: OnDamage) -> RecordingPaths:
-    """Recordings that cannot end a viewer that opens them from an overview."""
+def _sound_ones(recordings: RecordingPaths, spare: Path, on_damage: OnDamage) -> RecordingPaths:
+    """Recordings that cannot end a viewer that opens them from an overview, or copies in a folder."""
     sound: RecordingPaths = {}
     for key, path in recordings.items():
         try:
-            check_viewable(path)
+            sound[key] = viewable(path, spare)
         except InputError as error:
             on_damage(error)
-        else:
-            sound[key] = path
     return sound
 
 
@@ -285,7 +281,7 @@ def _current_overview(
     session: Session, folder: Path, spare: Path, on_damage: OnDamage, *, several: bool
 ) -> Path:
     """Rewrite the overview, which may be old or missing; in the spare folder if the other is read-only."""
-    sound = _sound_ones(recordings_of(session, folder), on_damage)
+    sound = _sound_ones(recordings_of(session, folder), spare, on_damage)
     try:
         return write_overview(session, folder, recordings=sound, several=several)
     except (HexctlError, OSError):
