@@ -28,6 +28,9 @@ HEADING_DEG = Range(low=-360, high=360, unit="deg", degrees=True)
 
 TURN_DEG_S = Range(low=-360, high=360, unit="deg/s", degrees=True)
 
+#: `TrialPlan.in_words` of a walk straight ahead at the pace of the robot.
+PLAIN_TASK = "walk ahead"
+
 #: Asks for the self-rotation that suits a walk.
 AUTO_ROTATION: Final = "auto"
 AskedRotation = Literal["auto", "rear", "front", "none"]
@@ -132,6 +135,21 @@ class TrialPlan:
         if self.turn_trim_rad_s is not None:
             heading_rad, turn_rate_rad_s = heading_rad + self.trim_rad, self.turn_trim_rad_s
         return Motion(heading_rad=heading_rad, travel=self.travel, turn_rate_rad_s=turn_rate_rad_s)
+
+    def in_words(self, usual_pace_hz: float | None = None) -> str:
+        """What is walked: `walk at 30 degrees and turn left at 5 degrees/s, at 0.5 Hz`.
+
+        Angles are counter-clockwise. A pace of `usual_pace_hz`, that of the robot, is left out.
+        """
+        heading_deg = math.degrees(math.remainder(self.heading_rad, math.tau))
+        turn_deg_s = math.degrees(self.turn_rate_rad_s)
+        spot = "" if self.travel else " on the spot"
+        turn = f"turn {'left' if turn_deg_s > 0 else 'right'}{spot} at {abs(turn_deg_s):g} degrees/s"
+        way = f"at {heading_deg:g} degrees" if round(heading_deg, 6) else "ahead"
+        parts = [f"walk {way}" if self.travel else "", turn if turn_deg_s else ""]
+        text = " and ".join(filter(None, parts)) or "step on the spot"
+        texts = [text, *([] if self.gait.pace_hz == usual_pace_hz else [f"at {self.gait.pace_hz:g} Hz"])]
+        return ", ".join([*texts, *(f"then {change}" for change in self.changes)])
 
     @property
     def straight(self) -> bool:

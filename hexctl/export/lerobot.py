@@ -79,12 +79,9 @@ def write_lerobot(trials: Trials, folder: Path, on_progress: OnProgress) -> None
 
 
 def task_of(trial: RecordedTrial) -> str:
-    """Text of a trial's task."""
-    if "heading_deg" not in trial.properties:  # driven, or cut off: the task is unknown
-        return title_of(trial)
-    heading = float(trial.properties["heading_deg"])
-    way = "walk ahead" if heading == 0 else f"walk at {heading:g} degrees"
-    return f"{way} with {title_of(trial)}"
+    """Text of a trial's task: all of its plan; only its title if it was driven, or if the end is missing."""
+    title, task = title_of(trial), trial.properties.get("task")
+    return title if task is None or task in title else f"{task} with {title}"
 
 
 def _libraries() -> tuple[Any, Any, Any]:

@@ -39,8 +39,10 @@ def make_properties(
 ) -> dict[str, Any]:
     """Title, plan, result and facts as named plain values, without None."""
     plan, gait = subject.plan, subject.plan.gait
+    task = plan.in_words(subject.robot.gait.pace_hz) if result.controller is None else None
     values = {
         "title": title,
+        "task": task,
         "robot": subject.robot.name,
         "gait_slots": list(gait.slots),
         "gait_code": gait.code(plan.failed_legs),

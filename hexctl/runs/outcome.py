@@ -5,6 +5,7 @@ It has the keys of `TrialResult.to_dict` and these:
 Attributes:
     gait: `name`, `slots`, `code` (null without one), `posture`, `swing_share`, `phases`, and `then`: changes
         of the gait; null for a custom controller without a gait
+    task: heading, turn and pace in words, such as `walk ahead`; null for a custom controller
     failed_leg: the failed leg that the walk plans with, or null
     failure: its failure, or null
     further_failures: the other failed legs, by number

@@ -29,7 +29,7 @@ from hexctl.control.log import (
 )
 from hexctl.control.monitor.monitored_walk import watched_walk
 from hexctl.control.trial import ShouldStop, run_trial
-from hexctl.control.trial_plan import AUTO_ROTATION, TrialPlan
+from hexctl.control.trial_plan import AUTO_ROTATION, PLAIN_TASK, TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.control.walks.ground_contact import contact_notes
 from hexctl.control.walks.turning import body_heading_rad, check_plan
@@ -151,8 +151,14 @@ class Run:
 
     @property
     def title(self) -> str:
-        """Title of recordings and live views: robot and gait."""
-        return f"{self.robot.name} {self._walk_text}"
+        """Title of recordings and live views: robot, gait, and a task other than to walk ahead."""
+        ahead = self._task in (None, PLAIN_TASK)
+        return f"{self.robot.name} {self._walk_text}" + ("" if ahead else f", {self._task}")
+
+    @property
+    def _task(self) -> str | None:
+        """The plan in words; None for a custom controller, which may do anything else."""
+        return None if self._controller is not None else self.plan.in_words(self.robot.gait.pace_hz)
 
     @property
     def _what(self) -> str:
@@ -318,6 +324,7 @@ class Run:
         planned = (*self._world_events, *self.spec.events) if self.spec.simulated else events_seen(log)
         return {
             "gait": gait_values(self.spec, self.plan) if self._has_gait else None,
+            "task": self._task,
             **failure_values(self.plan, planned, trial.duration_s),
             **trial.to_dict(),
             "ideal_yaw_change_deg": math.degrees(self.plan.turn_rate_rad_s * trial.duration_s),

@@ -18,6 +18,8 @@ from hexctl.backends.sim.world import World
 from hexctl.control.monitor.recovery import RecoveryPolicy, Response
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import HexctlError, InputError
+from hexctl.export.lerobot import task_of
+from hexctl.export.recordings import title_of
 from hexctl.gait.gait import make_gait
 from hexctl.recording.recorded_trial import read_trial
 from hexctl.robot.failure import Failure, FailureEvent
@@ -83,6 +85,30 @@ def test_a_recording_of_a_custom_controller_has_its_name(
     assert ("gait" in properties) == bool(gait)
     assert (done.outcome["gait"] or {}).get("name") == gait.get("gait")
     assert TrialResult.from_dict(done.trial.to_dict()).controller == "crouch"
+
+
+@pytest.mark.parametrize(
+    ("options", "task"),
+    [
+        ({}, "walk ahead"),
+        ({"heading_rad": -0.5 * np.pi}, "walk at -90 degrees"),
+        (
+            {"turn_rate_rad_s": np.radians(20), "pace_hz": 0.5},
+            "turn left on the spot at 20 degrees/s, at 0.5 Hz",
+        ),
+        (
+            {"turn_rate_rad_s": -0.1, "heading_rad": 0.0, "then": ("wave@0.2",)},
+            "walk ahead and turn right at 5.72958 degrees/s, then 4,5,6,3,2,1@0.2",
+        ),
+    ],
+)
+def test_all_texts_of_a_walk_name_its_task(options: dict[str, Any], task: str, tmp_path: Path) -> None:
+    done = run(backend="mock", duration_s=0.3, gait="tripod", record=tmp_path / "walk.rrd", **options)
+    trial = read_trial(tmp_path / "walk.rrd")
+    assert done.outcome["task"] == trial.properties["task"] == task
+    title = "ant tripod" if task == "walk ahead" else f"ant tripod, {task}"
+    assert title_of(trial) == title
+    assert task_of(trial) == (title if task in title else f"{task} with {title}")
 
 
 def test_a_run_walks_only_while_connected() -> None:

@@ -12,6 +12,7 @@ from hexctl.cli.render.tables import label_table
 from hexctl.control.assessment.leg_sets import MOST_LOST
 from hexctl.control.assessment.walk_quality import RAMP_TICKS
 from hexctl.control.telemetry_watch import hot_servos
+from hexctl.control.trial_plan import PLAIN_TASK
 from hexctl.gait.gait import AUTO, SWING_SHARE, is_crawl
 from hexctl.robot.failure import loses_leg
 from hexctl.wire.links import CLEAR_COMMAND
@@ -36,6 +37,7 @@ def summary(outcome: dict[str, Any], clear: str | None = CLEAR_COMMAND) -> list[
     failed += "".join(f", leg {leg} {how}" for leg, how in outcome.get("further_failures", {}).items())
     rows = [
         ("gait", _gait_text(outcome["gait"])),
+        *([("task", task)] if (task := outcome.get("task")) not in (None, PLAIN_TASK) else []),
         *_posture_rows(outcome["gait"]),
         *_distance_rows(outcome),
         *_failure_rows(outcome),
@@ -60,13 +62,22 @@ def _next_command(outcome: dict[str, Any], clear: str | None) -> list[str]:
     if may_walk and "gait" not in outcome.get("options", {}) and _is_slow(outcome):
         return [f"next: the same with --gait {AUTO}, the most stable gait for the other legs"]
     if may_walk and _misses_its_line(outcome):
-        return [
-            "next: hexctl adapt with the same leg, robot and world, which finds a gait that ends on the line"
-        ]
+        same = f"leg{', heading' if 'heading' in outcome.get('options', {}) else ''}, robot and world"
+        return [f"next: hexctl adapt with the same {same}, which finds a gait that ends on the line"]
     if outcome["recording"]:
         return [f"next: hexctl view {shlex.quote(outcome['recording'])}"]
     robot = shlex.quote(str(outcome.get("options", {}).get("robot", outcome["robot"])))
-    return [f"next: hexctl check {robot}"] if outcome["status"] == "no_progress" else []
+    check = f"hexctl check {robot}{_flags(outcome)}"
+    return [f"next: {check}"] if outcome["status"] == "no_progress" else []
+
+
+def _flags(outcome: dict[str, Any]) -> str:
+    """Options by which `hexctl check` checks the same walk."""
+    options = outcome.get("options", {})
+    if (heading := options.get("heading")) is not None:
+        options = {**options, "heading": f"{math.degrees(float(heading)):g}"}
+    given = [name for name in ("gait", "heading", "pace") if name in options]
+    return "".join(f" --{name} {shlex.quote(str(options[name]))}" for name in given)
 
 
 def _turn_missed(miss_deg: float | None) -> list[tuple[str, str]]:
