@@ -63,7 +63,7 @@ class Racer:
         axes, origin = _lane_axes(trial)
         self._positions_m = (positions_m(trial) - origin) @ axes.T + [0.0, lane_m, 0.0]
         self._turn, self._quaternions = _quaternion_of(axes), quaternions(trial)
-        self._robot = PosedRobot(trial, np.array([1.0, 0.0, 0.0, 0.0]))
+        self._robot = PosedRobot(trial.robot, np.array([1.0, 0.0, 0.0, 0.0]))
         self.model, self.data = self._robot.model, self._robot.data
         self.progress_m = self._positions_m[:, 0] if trial.posed.any() else None
 
@@ -73,7 +73,9 @@ class Racer:
 
     def place(self, row: int) -> None:
         """Put the robot at its pose of a tick."""
-        self._robot.place(row, self._positions_m[row], product(self._turn, self._quaternions[row]))
+        turned, trial = product(self._turn, self._quaternions[row]), self.trial
+        at_m, conditions = self._positions_m[row], trial.leg_conditions[row]
+        self._robot.place(at_m, turned, trial.measured_rad[row], conditions)
 
     def trail_m(self, row: int) -> FloatArray:
         """Path of the body until a tick, just above the floor, (N, 3); NaN before its walk began."""

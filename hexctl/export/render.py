@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from itertools import pairwise
 from typing import Any
@@ -16,6 +16,7 @@ from hexctl.recording.recorded_trial import LEG_CONDITIONS, RecordedTrial
 from hexctl.recording.style import TRAIL_COLOR, Color
 from hexctl.robot.formats.link_frames import JOINT_LINKS
 from hexctl.robot.formats.mjcf import mjcf_of
+from hexctl.robot.model import Robot
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_LEGS, FloatArray
 
 #: Renderers without a screen in the order of attempts, and the Debian packages of each.
@@ -120,66 +121,90 @@ class Canvas:
 
 
 class PosedRobot:
-    """The MuJoCo model of a robot and its state, in poses of a trial."""
+    """The MuJoCo model of a robot and its state, in given poses."""
 
-    def __init__(self, trial: RecordedTrial, floor_quaternion: FloatArray) -> None:
+    def __init__(self, robot: Robot, floor_quaternion: FloatArray) -> None:
         """Make the model, on a floor of an orientation (w, x, y, z)."""
         import mujoco
 
-        self._mujoco, self._trial = mujoco, trial
-        spec = mujoco.MjSpec.from_string(mjcf_of(trial.robot))
+        self._mujoco = mujoco
+        spec = mujoco.MjSpec.from_string(mjcf_of(robot))
         spec.geom("floor").quat = floor_quaternion
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self._legs = _Legs(self.model)
 
-    def place(self, row: int, position_m: FloatArray, quaternion: FloatArray) -> None:
-        """Put the robot at a pose with the joints and leg colours of a tick."""
-        mujoco, trial, qpos = self._mujoco, self._trial, self.data.qpos
-        qpos[:3], qpos[3:7], qpos[7:] = position_m, quaternion, trial.measured_rad[row]
+    def place(
+        self,
+        position_m: FloatArray,
+        quaternion: FloatArray,
+        joints_rad: FloatArray,
+        conditions: NDArray[np.int64],
+    ) -> None:
+        """Put the robot at a pose with joints, (18,), and the colours of conditions of its legs, (6,)."""
+        mujoco, qpos = self._mujoco, self.data.qpos
+        qpos[:3], qpos[3:7], qpos[7:] = position_m, quaternion, joints_rad
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_camlight(self.model, self.data)
-        self._legs.paint(trial.leg_conditions[row])
+        self._legs.paint(conditions)
 
 
-class RunRenderer:
-    """Draws ticks of a trial. Close it: the context belongs to the thread that made it."""
+class RobotRenderer:
+    """Draws a robot in given poses. Close it: the context belongs to the thread that made it."""
 
-    def __init__(self, trial: RecordedTrial, camera: str, width_px: int, height_px: int) -> None:
+    def __init__(
+        self, robot: Robot, floor_quaternion: FloatArray, camera: str, width_px: int, height_px: int
+    ) -> None:
         """Make model, scene and context; raises what `open_context` raises."""
         self._canvas = Canvas(width_px, height_px)
         import mujoco
 
-        self._mujoco, self._trial = mujoco, trial
-        self._robot = PosedRobot(trial, trial.floor_quaternion)
-        self.model, self.data = self._robot.model, self._robot.data
-        self._positions_m, self._quaternions = positions_m(trial), quaternions(trial)
-        self._trail_world = _trail_world(trial)
+        self._mujoco, self.posed = mujoco, PosedRobot(robot, floor_quaternion)
+        self.model, self.data = self.posed.model, self.posed.data
         self._scene = self._canvas.new_scene(self.model)
         self._look, self._camera = mujoco.MjvOption(), mujoco.MjvCamera()
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
         self._camera.fixedcamid = self.model.camera(camera).id
 
-    def place(self, row: int) -> None:
-        """Put the robot at its pose of a tick, with its leg colours."""
-        self._robot.place(row, self._positions_m[row], self._quaternions[row])
-
-    def draw(self, row: int) -> NDArray[np.uint8]:
-        """Picture of a tick, (height, width, 3)."""
+    def picture(self, add: Callable[[Any], None] = lambda _: None) -> NDArray[np.uint8]:
+        """Picture of the robot where it was placed, (height, width, 3); `add` adds to its scene."""
         mujoco = self._mujoco
-        self.place(row)
         everything = mujoco.mjtCatBit.mjCAT_ALL
         mujoco.mjv_updateScene(self.model, self.data, self._look, None, self._camera, everything, self._scene)
-        foot_m = self._trial.robot.foot_radius_m
-        if (course := self._trial.course_world) is not None:
-            add_line(self._scene, course[0], course[1], foot_m / 2, LINE_COLOR)
-        add_trail(self._scene, self._trail_world[: row // PIECE_TICKS + 1], foot_m / 2)
+        add(self._scene)
         return self._canvas.draw(self._scene)
 
     def close(self) -> None:
         """Free the context."""
         self._canvas.close()
+
+
+class RunRenderer(RobotRenderer):
+    """Draws ticks of a trial. Close it: the context belongs to the thread that made it."""
+
+    def __init__(self, trial: RecordedTrial, camera: str, width_px: int, height_px: int) -> None:
+        """Make model, scene and context; raises what `open_context` raises."""
+        super().__init__(trial.robot, trial.floor_quaternion, camera, width_px, height_px)
+        self._trial, self._trail_world = trial, _trail_world(trial)
+        self._positions_m, self._quaternions = positions_m(trial), quaternions(trial)
+
+    def place(self, row: int) -> None:
+        """Put the robot at its pose of a tick, with its leg colours."""
+        joints_rad, conditions = self._trial.measured_rad[row], self._trial.leg_conditions[row]
+        self.posed.place(self._positions_m[row], self._quaternions[row], joints_rad, conditions)
+
+    def draw(self, row: int) -> NDArray[np.uint8]:
+        """Picture of a tick, (height, width, 3), with the line of travel and the trail."""
+        self.place(row)
+        foot_m, course = self._trial.robot.foot_radius_m, self._trial.course_world
+
+        def add(scene: Any) -> None:
+            if course is not None:
+                add_line(scene, course[0], course[1], foot_m / 2, LINE_COLOR)
+            add_trail(scene, self._trail_world[: row // PIECE_TICKS + 1], foot_m / 2)
+
+        return self.picture(add)
 
 
 def add_trail(scene: Any, trail_m: FloatArray, radius_m: float) -> None:

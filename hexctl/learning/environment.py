@@ -8,13 +8,14 @@ It runs what a trial runs: the simulated servos, the guard, the preparation and 
 from collections.abc import Sequence
 from math import radians
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.backends.base import as_robot
 from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.simulation_model import FIRST_JOINT
 from hexctl.backends.sim.world import World, as_world
 from hexctl.control.assessment.walk_quality import WalkEffort
 from hexctl.control.guard import Guard
@@ -28,6 +29,9 @@ from hexctl.robot.failure_grammar import parse_coming_kind
 from hexctl.robot.model import Robot
 from hexctl.types import GRAVITY_M_S2, N_LEGS, FloatArray, JointTargets
 
+if TYPE_CHECKING:
+    from hexctl.export.render import RobotRenderer
+
 try:
     import gymnasium
     from gymnasium.spaces import Box
@@ -35,6 +39,9 @@ except ModuleNotFoundError as error:
     raise MissingExtraError("hexctl.learning.environment", "learn") from error
 
 ID = "hexctl/Hexapod-v0"
+
+#: Width and height of a picture.
+PICTURE_PX = (640, 480)
 
 Observation = NDArray[np.float32]
 Values = FloatArray | float
@@ -59,11 +66,12 @@ class HexapodEnvironment(gymnasium.Env[Observation, FloatArray]):
         headings_deg: directions of travel.
         gait: name or code of the gait that the policy modulates.
         duration_s: length of an episode.
+        render_mode: `rgb_array` lets `render` draw; None.
 
     Raises InputError for invalid values.
     """
 
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012  as Gymnasium declares it
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 50}  # noqa: RUF012  as Gymnasium
 
     def __init__(
         self,
@@ -76,7 +84,12 @@ class HexapodEnvironment(gymnasium.Env[Observation, FloatArray]):
         headings_deg: Sequence[float] | FloatArray = (0.0,),
         gait: int | str = "tripod",
         duration_s: float = 15.0,
+        render_mode: str | None = None,
     ) -> None:
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise InputError(f"render_mode: got {render_mode!r}; allowed: 'rgb_array', or None")
+        self.render_mode = render_mode
+        self._renderer: RobotRenderer | None = None
         self._robot, self._worlds = as_robot(robot), [as_world(world) for world in worlds]
         _check_failures(failures, failing, failure_s, duration_s)
         for name, given in (("worlds", worlds), ("headings_deg", headings_deg)):
@@ -120,8 +133,33 @@ class HexapodEnvironment(gymnasium.Env[Observation, FloatArray]):
             raise InputError(f"action: got shape {sent.shape}; allowed: {self.action_space.shape}")
         return self._episode.after(sent)
 
+    def render(self) -> NDArray[np.uint8] | None:
+        """Picture of the robot on the plane of its floor, (480, 640, 3); None without a `render_mode`.
+
+        Raises NoRendererError on a machine that cannot draw.
+        """
+        if self.render_mode is None or self._episode is None:
+            return None
+        from hexctl.export.render import RobotRenderer
+        from hexctl.recording.recorded_trial import LEG_CONDITIONS
+
+        servos, simulation = self._episode.servos, self._episode.servos.compiled
+        if self._renderer is None:
+            floor = simulation.floor.quaternion_world
+            self._renderer = RobotRenderer(self._robot, floor, "follow", *PICTURE_PX)
+        conditions = np.zeros(N_LEGS, dtype=np.int64)
+        for failure in servos.failures:
+            look = "missing" if failure.kind == "missing" else "failed"
+            conditions[failure.leg - 1] = LEG_CONDITIONS.index(look)
+        place_m, turn, joints_rad = np.split(simulation.physics.data.qpos, [3, FIRST_JOINT])
+        self._renderer.posed.place(place_m, turn, joints_rad, conditions)
+        return self._renderer.picture()
+
     def close(self) -> None:
-        """Free the simulation."""
+        """Free the simulation, and what draws."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
         if self._episode is not None:
             self._episode.servos.close()
             self._episode = None

@@ -12,6 +12,7 @@ from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
+from hexctl.export.render import NoRendererError
 from hexctl.gait.gait import make_gait
 from hexctl.learning.environment import HexapodEnvironment, Observation
 from hexctl.learning.learned_walk import ACTION_SIZE, OBSERVATION_SIZE, LearnedWalk
@@ -57,6 +58,27 @@ def test_it_keeps_the_contract_of_gymnasium() -> None:
     environment = gymnasium.make("hexctl/Hexapod-v0", worlds=("slippery",), **SHORT)
     check_env(environment.unwrapped, skip_render_check=True)
     environment.close()
+
+
+@pytest.mark.slow
+def test_pictures_are_of_the_episode_and_show_the_failed_leg(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    options: dict[str, Any] = {**SHORT, "failing": 1.0, "failures": ("missing",), "failure_s": (0.1, 0.1)}
+    with gymnasium.make("hexctl/Hexapod-v0", render_mode="rgb_array", **options) as environment:
+        environment.reset(seed=2)
+        try:
+            first, again = (np.asarray(environment.render(), dtype=int) for _ in range(2))
+        except NoRendererError as error:
+            pytest.skip(str(error))
+        assert first.shape == (480, 640, 3)
+        assert np.abs(again - first).max() <= 1, "nothing has moved"
+        for _ in range(6):
+            environment.step(np.zeros(ACTION_SIZE))
+        changed = np.abs(np.asarray(environment.render(), dtype=int) - first).max(axis=-1) > 20
+        assert 500 < int(changed.sum()) < 20_000, "a leg is almost transparent now"
+    assert HexapodEnvironment(**SHORT).render() is None
+    with pytest.raises(InputError):
+        HexapodEnvironment(render_mode="human", **SHORT)
 
 
 @pytest.mark.slow
