@@ -50,6 +50,7 @@ from hexctl.errors import HexctlError, RecordingError, RobotFaultError, check_ca
 from hexctl.gait.gait import AUTO, NAMED_SLOTS
 from hexctl.options import check_names
 from hexctl.recording.live import LiveView
+from hexctl.recording.rrd import check_utf8
 from hexctl.waiting import StopRequested, never
 
 OnBegin = Callable[[Session], None]
@@ -237,6 +238,7 @@ class Adaptation:
             return AdaptationResult(session=done, ended=ended, trouble=None, walked=0, wall_s=took_s)
         setting = load_setting(self.spec)  # before anything is written
         if self._record:
+            check_utf8(self._folder)
             _ = setting.robot_file.meshes
         if self._resumed is None:
             check_not_interrupted(stop_requested)

@@ -195,9 +195,8 @@ ROOM_BYTES = 500_000
 
 def create_file(path: Path) -> None:
     """Make an empty file and its folders; raises InputError if it exists or cannot be written."""
+    check_utf8(path)
     create_folders(path)
-    if os.fsencode(path).decode(errors="replace") != str(path):
-        raise InputError(f"recording: got {path}; allowed: a path in UTF-8, for Rerun")
     try:
         with path.open("xb") as file:
             _check_room(file, path)
@@ -240,6 +239,12 @@ def check_name(path: Path, what: str = "recording") -> None:
     """Raise InputError for a name that Rerun would not open; `what` is the argument's name in messages."""
     if path.suffix != SUFFIX:
         raise InputError(f"{what}: got {path}; allowed: a name that ends in {SUFFIX}")
+
+
+def check_utf8(path: Path) -> None:
+    """Raise InputError for a path that Rerun cannot open."""
+    if os.fsencode(path).decode(errors="replace") != str(path):
+        raise InputError(f"recording: got {path}; allowed: a path in UTF-8, for Rerun")
 
 
 def probe_file(path: Path) -> None:

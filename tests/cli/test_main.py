@@ -127,6 +127,20 @@ def test_names_that_are_no_utf_8_are_refused_in_one_printable_line(
     call(arguments, os.fsdecode(b"caf\xe9\n"), code=2).line.encode("utf-8")
 
 
+def test_files_whose_names_are_no_utf_8_are_made_and_read_if_libraries_can(
+    tmp_path: Path, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = os.fsdecode(b"caf\xe9")
+    call("robot copy ant", f"{name}.yaml")
+    call("check --robot", f"./{name}.yaml")
+    call("export", f"./{name}.yaml", "-o", f"{name}.urdf")
+    assert {path.name for path in tmp_path.iterdir()} == {f"{name}.yaml", f"{name}.urdf"}
+    assert call("run --backend mock --duration 1 --record", f"{name}.rrd", code=2).refusal
+    monkeypatch.setenv("HEXCTL_RUNS", name)
+    assert call("adapt --failed-leg 5 --duration 1 --prior none", code=2).refusal
+    assert {path.suffix for path in tmp_path.iterdir()} == {".yaml", ".urdf"}
+
+
 @pytest.mark.parametrize(
     ("number", "code"), [(errno.ENOSPC, 3), (errno.EDQUOT, 3), (errno.EIO, 3), (errno.EACCES, 2)]
 )

@@ -92,7 +92,7 @@ def read_session(name: str, content: bytes) -> tuple[Session, dict[int, str]]:
         except DAMAGE as error:
             damaged[number] = damage_text(error)
     if cut_off:
-        damaged[len(texts) + 1] = "it is cut off"
+        damaged[len(texts) + 1] = f"it is cut off, {len(cut_off)} bytes are left out"
     standings = [line.session for line in lines.values() if line.session is not None]
     if not standings:
         raise ValueError(next(iter(damaged.values()), "it is empty"))
