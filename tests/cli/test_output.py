@@ -92,7 +92,11 @@ def shown(capsys: pytest.CaptureFixture[str], **changes: Any) -> dict[str, str]:
         ({"events": EVENTS}, "failed", "leg 2 limp at 8 s, leg 5 missing at 14 s"),
         ({"events": EVENTS}, "healed", "leg 2 at 18 s"),
         ({"recording": "runs/my walk.rrd"}, "next: hexct", "l view 'runs/my walk.rrd'"),
-        ({"status": "no_progress", "recording": None}, "next: hexct", "l check ant"),
+        (
+            {"status": "no_progress", "recording": None, "options": {"heading": "0.523599", "gait": "wave"}},
+            *("next: hexct", "l check ant --gait wave --heading 30"),
+        ),
+        ({"task": "walk at 30 degrees"}, "task", "walk at 30 degrees"),
     ],
     ids=str,
 )
@@ -109,7 +113,7 @@ def test_a_row_of_a_walk(
     [
         ({"servo_link": {"received": 90, "lost": 0}}, ["guard", "link", "late"]),
         ({"energy_j": 9.42, "cost_of_transport": None}, ["energy"]),
-        (SPOT, ["off line"]),
+        ({**SPOT, "task": "walk ahead"}, ["off line", "task"]),
         ({**UNSEEN, "hold": "line"}, ["off line", "turned"]),
     ],
     ids=str,
