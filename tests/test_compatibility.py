@@ -5,10 +5,13 @@ New commands, options, keys, entities and columns may come; none may go, and no 
 """
 
 import json
+import os
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hexctl.cli.main import app, exit_code
@@ -18,9 +21,13 @@ from tests.server.processes import served, stopped_by_session
 
 Printed = Callable[[str], Any]
 
-#: On another machine the last bits may differ, and contacts of feet amplify that over a walk.
-ELSEWHERE_M = 0.01
-AMPLIFIED = {"path", "clipped_ticks", "commanded_rad", "measured_rad", "base_position_world"}
+#: Most that a value in metres, radians or seconds may differ if another processor rounds other last bits.
+#: With other instructions for sums and sines, no angle or position of a walk of 30 s differs by 1e-11.
+ROUNDING = {"m": 1e-6, "rad": 1e-6, "s": 1e-6}
+UNITS = {"path": "m", "base_position_world": "m", "scores": "m"}
+
+#: Walks that take half a second.
+QUICK = ("demo", "locked", "tripod, heading", "wave, curve")
 
 
 def kept(name: str) -> Any:
@@ -31,48 +38,85 @@ def kept(name: str) -> Any:
 TRIALS, CHOICES, SESSIONS, SHAPES = (
     kept(f"{name}.json") for name in ("trials", "choices", "sessions", "shapes")
 )
-SAME_BITS = TRIALS["probe"] == trials.probe()
+WALKS = np.load(DATA / "walks.npz")
+OTHER = {name for name, value in trials.probe().items() if value != TRIALS["probe"][name]}
+LOOSE = bool(OTHER - {"processor"}) or "HEXCTL_TEST_LOOSE" in os.environ
+
+
+def test_the_comparison_is_to_the_last_bit_unless_the_processor_differs() -> None:
+    if LOOSE:
+        differs = ", ".join(sorted(OTHER)) or "nothing, but HEXCTL_TEST_LOOSE is set"
+        text = f"golden data compared to {ROUNDING}, not to the last bit; other than then: {differs}"
+        warnings.warn(text, stacklevel=1)
+    if LOOSE and os.environ.get("HEXCTL_REQUIRE_GOLDEN"):
+        allowed = {"bits", "processor"}
+        assert allowed == OTHER, (
+            "take the versions of constraints.txt and Python 3.12, or write the data anew"
+        )
 
 
 def assert_same(now: Any, before: Any) -> None:
-    """To the last bit where the machine computes as the one did that wrote the data, else nearly."""
-    if SAME_BITS:
-        assert now == before
-    else:
+    """To the last bit if the machine computes as the one did that wrote the data, else to `ROUNDING`."""
+    if LOOSE:
         assert_near(now, before)
+    else:
+        assert now == before
 
 
-def assert_near(now: Any, before: Any) -> None:
-    """The same values, but for what contacts make of a last bit."""
+def assert_near(now: Any, before: Any, unit: str = "") -> None:
+    """The same values, but for last bits; a digest counts by its shape, as `WALKS` has its numbers."""
     if isinstance(before, dict):
         assert now.keys() == before.keys()
-        for key in before.keys() - AMPLIFIED:
-            assert_near(now[key], before[key])
+        for key in before:
+            assert_near(
+                now[key], before[key], UNITS.get(key) or (unit if "_" not in key else key.split("_")[-1])
+            )
     elif isinstance(before, list):
         assert len(now) == len(before)
         for one, other in zip(now, before, strict=True):
-            assert_near(one, other)
-    elif isinstance(before, float):
-        assert now == pytest.approx(before, abs=ELSEWHERE_M)
+            assert_near(one, other, unit)
+    elif isinstance(before, float | np.ndarray):
+        assert np.shape(now) == np.shape(before)
+        np.testing.assert_allclose(now, before, rtol=0, atol=ROUNDING[unit])
+    elif isinstance(before, str) and ":" in before:
+        assert now.split(":")[0] == before.split(":")[0]
     else:
         assert now == before
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", TRIALS["results"])
+def samples(name: str) -> dict[str, Any]:
+    """The kept numbers of a walk, by column."""
+    return {column: WALKS[f"{name}/{column}"] for column in (*trials.SAMPLED, "path")}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in TRIALS["results"]],
+)
 def test_a_trial_alone(name: str) -> None:
-    result, log = trials.alone(trials.trials()[name])
-    assert_same(result, TRIALS["results"][name])
-    assert_same(log, TRIALS["logs"][name])
+    walked = trials.alone(trials.trials()[name])
+    assert_same(walked.result, TRIALS["results"][name])
+    assert_same(walked.log, TRIALS["logs"][name])
+    assert_near(walked.samples, samples(name))
+
+
+@pytest.mark.parametrize("column", [*trials.SAMPLED, "path"])
+def test_a_ten_thousandth_is_not_taken_for_rounding(column: str) -> None:
+    changed = samples("demo")
+    changed[column][-1, -1] += 1e-4
+    with pytest.raises(AssertionError):
+        assert_near(changed, samples("demo"))
 
 
 @pytest.mark.slow
 def test_trials_in_one_batch() -> None:
     cases = trials.trials()
     turned = cases.pop("turned by an angle")
-    for name, result in zip(cases, trials.together(list(cases.values())), strict=True):
+    walked = dict(zip(cases, trials.together(list(cases.values())), strict=True))
+    walked["turned by an angle"] = trials.together([turned])[0]
+    for name, (result, path_m) in walked.items():
         assert_same(result, TRIALS["results"][name])
-    assert_same(trials.together([turned])[0], TRIALS["results"]["turned by an angle"])
+        assert_near({"path": path_m}, {"path": WALKS[f"{name}/path"]})
 
 
 @pytest.mark.parametrize("case", choices.BELIEVED)
@@ -173,7 +217,7 @@ def test_recordings_and_tables(printed: Printed, tmp_path: Path) -> None:
             for column, rows in kept_columns.items():
                 found = now["entities"][entity].get(column)
                 assert found is not None, f"{column} of {entity} is gone"
-                assert found == rows or not SAME_BITS, f"{column} of {entity}"
+                assert found == rows or LOOSE, f"{column} of {entity}"
 
 
 def test_commands_and_options() -> None:

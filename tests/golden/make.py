@@ -1,7 +1,6 @@
 """Write the golden data anew: `python -m tests.golden.make`. Only for a change that is meant to be seen."""
 
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -9,7 +8,10 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hexctl.cli.main import app
+from hexctl.types import FloatArray
 from tests.golden import choices, stored, trials
 from tests.server.processes import served
 
@@ -86,6 +88,14 @@ def write(name: str, content: Any) -> None:
     (DATA / name).write_text(f"{text}\n", encoding="utf-8")
 
 
+def write_samples(samples: dict[str, dict[str, FloatArray]]) -> None:
+    """Write columns of walks, each under the names of the walk and the column."""
+    columns = {
+        f"{name}/{column}": values for name, walk in samples.items() for column, values in walk.items()
+    }
+    np.savez_compressed(DATA / "walks.npz", allow_pickle=False, **columns)
+
+
 def main() -> None:
     """Write all files."""
     DATA.mkdir(exist_ok=True)
@@ -95,10 +105,11 @@ def main() -> None:
         "trials.json",
         {
             "probe": trials.probe(),
-            "results": {name: result for name, (result, _) in results.items()},
-            "logs": {name: log for name, (_, log) in results.items()},
+            "results": {name: walked.result for name, walked in results.items()},
+            "logs": {name: walked.log for name, walked in results.items()},
         },
     )
+    write_samples({name: walked.samples for name, walked in results.items()})
     write(
         "choices.json",
         {
@@ -117,5 +128,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     main()

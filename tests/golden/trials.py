@@ -2,8 +2,11 @@
 
 import hashlib
 import math
-from dataclasses import fields, replace
+import platform
+import re
+from dataclasses import dataclass, fields, replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import dm_control
@@ -22,6 +25,7 @@ from hexctl import (
     run_trial,
 )
 from hexctl.control.log import TickLog
+from hexctl.types import FloatArray
 from tests.trials import sim_trial
 
 NOISY = World.model_validate({"sensor_noise": {"joint_deg": 0.5, "position_m": 0.002, "yaw_deg": 0.5}})
@@ -29,6 +33,9 @@ WORN = World(servo_delay_s=0.02, servo_backlash_deg=1.0, servo_strength=0.7, joi
 LOADED = World(payload_kg=0.4, payload_position_m=(0.03, 0.0, 0.02), friction_cone="pyramidal")
 TOP_HEAVY = World(payload_kg=3.0, payload_position_m=(0.0, 0.0, 0.6))
 TIPPING = World(payload_kg=6.0, payload_position_m=(0.5, 0.0, 0.3))
+
+#: Columns of logs that are also kept as numbers.
+SAMPLED = ("commanded_rad", "measured_rad", "base_position_world")
 
 
 def _trial(gait: str, robot: str = "ant", facing_rad: float = 0.0, **given: Any) -> SimTrial:
@@ -71,8 +78,24 @@ def trials() -> dict[str, SimTrial]:
     }
 
 
-def alone(trial: SimTrial) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The result of a trial on a simulated robot of its own, and its log: every tick, the soft stop too."""
+@dataclass(frozen=True)
+class Walked:
+    """A trial on a simulated robot of its own.
+
+    Attributes:
+        result: to the last bit.
+        log: digests of every tick, the soft stop too.
+        samples: each tick of the walk's first second and every half second, and the whole path, by column;
+            single precision resolves 3e-7.
+    """
+
+    result: dict[str, Any]
+    log: dict[str, Any]
+    samples: dict[str, FloatArray]
+
+
+def alone(trial: SimTrial) -> Walked:
+    """Run a trial."""
     log = TickLog()
     with SimServos(
         trial.robot,
@@ -82,13 +105,17 @@ def alone(trial: SimTrial) -> tuple[dict[str, Any], dict[str, Any]]:
         facing_rad=trial.facing_rad,
     ) as servos:
         result = run_trial(Guard(servos), trial.plan, recorders=(log,))
-    columns = ("time_s", "commanded_rad", "measured_rad", "base_position_world")
-    return exact(result), {"ticks": len(log), **{name: digest(log[name]) for name in columns}}
+    digests = {name: digest(log[name]) for name in ("time_s", *SAMPLED)}
+    first = log.walk_from or 0
+    rows = sorted({*range(0, len(log), 25), *range(first, min(first + 50, len(log)))})
+    samples = {name: log[name][rows].astype(np.float32) for name in SAMPLED}
+    samples["path"] = result.path_m.astype(np.float32)
+    return Walked(exact(result), {"ticks": len(log), **digests}, samples)
 
 
-def together(several: list[SimTrial]) -> list[dict[str, Any]]:
-    """The results of trials in one batch."""
-    return [exact(result) for result in run_sim_trials(several)]
+def together(several: list[SimTrial]) -> list[tuple[dict[str, Any], FloatArray]]:
+    """The results of trials in one batch, and their paths."""
+    return [(exact(result), result.path_m) for result in run_sim_trials(several)]
 
 
 def exact(result: Any) -> dict[str, Any]:
@@ -134,7 +161,7 @@ _TUMBLING = """
 
 @cache
 def probe() -> dict[str, str]:
-    """Versions, how Python adds, and a fingerprint of a simulation and of some linear algebra.
+    """Versions, how Python adds, a fingerprint of a simulation and some linear algebra, and the processor.
 
     It says whether a machine computes the bits of that of the data. Nothing of hexctl takes part: a change of
     hexctl cannot be mistaken for another machine.
@@ -153,4 +180,12 @@ def probe() -> dict[str, str]:
         "numpy": np.__version__,
         "sum": repr(sum([0.1] * 10)),  # more exact from Python 3.12 on
         "bits": hashlib.sha256(bits).hexdigest()[:16],
+        "processor": _processor(),
     }
+
+
+def _processor() -> str:
+    """Maker and kind of the processor, as Linux reports them."""
+    keys = r"^(?:vendor_id|cpu family|model|CPU implementer|CPU part)\s*:\s*(.*)$"
+    first, *_ = Path("/proc/cpuinfo").read_text(encoding="utf-8").split("\n\n")
+    return " ".join([platform.machine(), *re.findall(keys, first, re.M)])
