@@ -79,16 +79,18 @@ class PortThread(ABC, Generic[Device]):
         self.gone: str | None = None
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
-    def start(self, *, on: bool = False) -> None:
-        """Start; `on` is whether all servos hold already."""
-        self.on = on
+    def start(self) -> None:
+        """Start to follow targets."""
         self._thread.start()
 
     def stop(self) -> None:
         """Stop after the current packets; the servos hold, unless their torque was to be off."""
         self._stopping.set()
         self._wake.set()
-        self._time.join(self._thread)
+        if self._thread.ident is None:  # connecting was interrupted
+            self._end()
+        else:
+            self._time.join(self._thread)
 
     def send(self, targets: FloatArray) -> None:
         """Set the next targets, (18,) in the units of the port."""

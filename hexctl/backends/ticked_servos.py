@@ -154,10 +154,11 @@ class PortServos(MappedServos[Map, Counters], Generic[Map, Thread, Counters]):
 
     def _open_all(self, opening: ExitStack) -> None:
         try:
-            self._thread = self._started()
+            self._thread = self._prepared()
         except OSError as error:
             raise RobotFaultError(self._gone(reason_of(error))) from error
         opening.callback(self._stop)
+        self._thread.start()
 
     def _stop(self) -> None:
         thread, self._thread = self._thread, None
@@ -165,8 +166,8 @@ class PortServos(MappedServos[Map, Counters], Generic[Map, Thread, Counters]):
             thread.stop()
 
     @abstractmethod
-    def _started(self) -> Thread:
-        """Start the thread on the opened port; raises RobotFaultError or OSError."""
+    def _prepared(self) -> Thread:
+        """A thread on the opened port, not started; raises RobotFaultError or OSError."""
 
     @abstractmethod
     def _state(self, thread: Thread) -> RobotState:

@@ -1,7 +1,12 @@
 """Tests for every `LegServos`."""
 
 import itertools
-from collections.abc import Iterator
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from threading import Thread
+from types import FrameType
 
 import numpy as np
 import pytest
@@ -11,6 +16,7 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.control.guard import Guard
 from hexctl.errors import CommandRefusedError, RobotFaultError
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState
+from hexctl.waiting import comes_true
 
 TICKS_PER_SECOND = round(1 / PERIOD_S)
 
@@ -101,6 +107,24 @@ class LegServosConformance:
         assert servos.clock.index == tick.index, "a state is read once per `index` of the clock"
         check_state(servos.read(), servos)
         self.check_reaches(servos, servos.robot.stance_angles_rad - 0.02)
+
+    @pytest.mark.parametrize("share", [0.3, 0.6, 0.9, 0.99])
+    def test_interrupted_connecting_leaves_nothing_behind(self, fresh: LegServos, share: float) -> None:
+        """If `connect` is interrupted on its way, `close` releases everything, and a new `connect` works."""
+        fresh.connect()  # what is loaded once is loaded now
+        fresh.close()
+        calls = count_calls(fresh.connect)
+        fresh.close()
+        threads = set(threading.enumerate())
+        while not interrupted(fresh.connect, int(share * calls)):
+            fresh.close()
+            calls //= 2
+        fresh.close()
+        assert comes_true(lambda: set(filter(Thread.is_alive, threading.enumerate())) <= threads, 5.0)
+        with pytest.raises(RobotFaultError, match="connect"):
+            fresh.read()
+        fresh.connect()
+        self.check_reaches(fresh, fresh.robot.stance_angles_rad + 0.02)
 
     def test_ticks_lie_on_a_grid_and_grow(self, servos: LegServos) -> None:
         """Ticks grow, lie at multiples of the control period, and are never early."""
@@ -219,6 +243,45 @@ class LegServosConformance:
         move(servos, wanted, ticks=TICKS_PER_SECOND)
         servos.clock.tick()
         np.testing.assert_allclose(servos.read().joint_positions_rad, wanted, atol=self.tolerance_rad)
+
+
+def count_calls(function: Callable[[], object]) -> int:
+    """Number of calls in a function that `interrupted` counts."""
+    calls = itertools.count()
+    with profiled(lambda: next(calls)):
+        function()
+    return next(calls)
+
+
+def interrupted(function: Callable[[], object], after: int) -> bool:
+    """Interrupt a function after some calls, as Ctrl-C does; whether it had not ended before."""
+    left = itertools.count(after, -1)
+
+    def interrupt() -> None:
+        if next(left) == 0:
+            raise KeyboardInterrupt
+
+    try:
+        with profiled(interrupt):
+            function()
+    except KeyboardInterrupt:
+        return True
+    return False
+
+
+@contextmanager
+def profiled(on_call: Callable[[], object]) -> Iterator[None]:
+    """Call a function with each call of Python code in this thread, except of locks, which break by that."""
+
+    def profile(frame: FrameType, event: str, _argument: object) -> None:
+        if event == "call" and frame.f_globals.get("__name__") != threading.__name__:
+            on_call()
+
+    sys.setprofile(profile)
+    try:
+        yield
+    finally:
+        sys.setprofile(None)
 
 
 def move(servos: LegServos, wanted: FloatArray, *, ticks: int) -> None:

@@ -68,7 +68,8 @@ def _thread(
 @contextmanager
 def _running(thread: BoardThread, *, on: bool = False) -> Iterator[BoardThread]:
     """Let a thread run meanwhile."""
-    thread.start(on=on)
+    thread.on = on
+    thread.start()
     try:
         yield thread
     finally:

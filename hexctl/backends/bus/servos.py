@@ -55,11 +55,11 @@ class BusThread(PortThread[ServoBus]):
         self.limp: BoolArray = np.zeros(len(speeds), dtype=bool)
         self._held: BoolArray = np.zeros(len(speeds), dtype=bool)
 
-    def start(self, *, on: bool = False) -> None:
-        """Start; servos that hold already, `on`, approach the first targets from their positions."""
-        self._sent = self._readings.positions if on else None
+    def start(self) -> None:
+        """Start; servos that hold already approach the first targets from their positions."""
+        self._sent = self._readings.positions if self.on else None
         self._held = np.isfinite(self._readings.positions)
-        super().start(on=on)
+        super().start()
 
     def newest(self) -> tuple[FloatArray, ServoReadings, FloatArray]:
         """Newest positions in counts, readings, and how long each servo was silent in s, (18,)."""
@@ -169,8 +169,8 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         self._held = False
         return super().disable_torque()
 
-    def _started(self) -> BusThread:
-        """Start the thread; raises RobotFaultError if servos of all or of more than two legs are missing."""
+    def _prepared(self) -> BusThread:
+        """The thread; raises RobotFaultError if servos of all or of more than two legs are missing."""
         bus = self._open(first=True)
         readings = BelievedReadings(self._speeds, self._map.per_deg)
         try:
@@ -184,7 +184,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         self._held = bool(on.any())
         time = self._clock.time
         thread = BusThread(self._open, bus, readings, self.counters, self._speeds, time=time)
-        thread.start(on=bool(heard.any() and on[heard].all()))
+        thread.on = bool(heard.any() and on[heard].all())
         return thread
 
     def _open(self, *, first: bool = False) -> ServoBus:

@@ -322,9 +322,9 @@ class Pca9685Servos(PwmServos):
         none: BoolArray = np.zeros(N_JOINTS, dtype=bool)
         return none if self._thread is None else self._thread.powered.copy()
 
-    def _started(self) -> BoardThread:
+    def _prepared(self) -> BoardThread:
         self._known = False
-        thread = super()._started()
+        thread = super()._prepared()
         self._known = True
         return thread
 

@@ -168,7 +168,7 @@ class PwmServos(PortServos[PwmMap, BoardThread, PortCounters]):
     def _open(self) -> PwmBoard:
         """The board; raises RobotFaultError or OSError if there is none."""
 
-    def _started(self) -> BoardThread:
+    def _prepared(self) -> BoardThread:
         board, time = self._open(), self._clock.time
         try:
             pulses = board.commanded_us()
@@ -176,9 +176,7 @@ class PwmServos(PortServos[PwmMap, BoardThread, PortCounters]):
         except BaseException:
             board.close()
             raise
-        thread = BoardThread(self._open, board, report, self.counters, self._speeds, pulses, time=time)
-        thread.start()
-        return thread
+        return BoardThread(self._open, board, report, self.counters, self._speeds, pulses, time=time)
 
     def _state(self, thread: BoardThread) -> RobotState:
         told_us, report = thread.told_us, thread.newest

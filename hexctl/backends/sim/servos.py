@@ -64,6 +64,18 @@ class SimClock(Clock):
         return Tick(self.index, self.index * self.period_s, late_s)
 
 
+#: Attributes of connected servos.
+_OF_A_CONNECTION = (
+    "_qpos",
+    "_ctrl",
+    "_warnings",
+    "_waiting_rad",
+    "_friction_nm",
+    "sensors",
+    "_power",
+)
+
+
 class SimServos(OwnServos):
     """A MuJoCo hexapod in a world, with or without failed legs.
 
@@ -129,6 +141,13 @@ class SimServos(OwnServos):
         """Compile the model and stand the robot on the floor."""
         if self._compiled is not None:
             return
+        try:
+            self._compile()
+        except BaseException:
+            self.close()
+            raise
+
+    def _compile(self) -> None:
         broken = self._first_failures
         compiled = make_simulation(self._robot, self.world, broken, self.seed, facing_rad=self.facing_rad)
         self._compiled = compiled
@@ -220,8 +239,8 @@ class SimServos(OwnServos):
         if self._compiled is not None:
             self._compiled.physics.free()
             self._compiled = None
-            del self._qpos, self._ctrl, self._warnings, self._waiting_rad, self._friction_nm
-            del self.sensors, self._power
+            for name in _OF_A_CONNECTION:  # some are missing if connecting was interrupted
+                vars(self).pop(name, None)
 
     def _make_power(self) -> ServoPower:
         """Switch of the power, initially on, with the current values."""
