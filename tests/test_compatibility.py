@@ -48,7 +48,7 @@ def test_the_comparison_is_to_the_last_bit_unless_the_processor_differs() -> Non
         differs = ", ".join(sorted(OTHER)) or "nothing, but HEXCTL_TEST_LOOSE is set"
         text = f"golden data compared to {ROUNDING}, not to the last bit; other than then: {differs}"
         warnings.warn(text, stacklevel=1)
-    if LOOSE and os.environ.get("HEXCTL_REQUIRE_GOLDEN"):
+    if LOOSE and os.environ.get("HEXCTL_REQUIRE_ALL"):
         allowed = {"bits", "processor"}
         assert allowed == OTHER, (
             "take the versions of constraints.txt and Python 3.12, or write the data anew"

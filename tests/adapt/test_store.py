@@ -378,6 +378,16 @@ def test_a_write_that_fails_leaves_the_session_as_it_was(
     assert load_session(session.name, tmp_path) == session
 
 
+def test_a_disk_that_takes_a_few_bytes_at_a_time_gets_all_of_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store, write = SessionStore(tmp_path), os.write
+    session = store.create(SPEC)
+    monkeypatch.setattr(os, "write", lambda file, data: write(file, data[:7]))
+    store.add(session, record(1), {"after": 1})
+    assert load_session(session.name, tmp_path) == session
+
+
 def test_only_the_recording_of_the_walk_that_is_repeated_is_removed(tmp_path: Path) -> None:
     session = Session(name="s", spec=replace(SPEC, baseline_gaits=["demo"]), created="now")
     names = ("trial-001", "trial-002", "trial-002-2", "trial-003", "baseline-demo", "my-trial-002", "trial-2")

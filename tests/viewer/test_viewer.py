@@ -1,6 +1,6 @@
 """Trials and sessions as the viewer shows them: in a window, side by side, live, and in a browser.
 
-Without a screen these tests are skipped; with HEXCTL_REQUIRE_VIEWER set, as .ci/run has it, they fail.
+Without a screen these tests are skipped; with HEXCTL_REQUIRE_ALL set, as .ci/run has it, they fail.
 """
 
 import json
@@ -49,7 +49,7 @@ Opener = Callable[..., AbstractContextManager[Window]]
 
 def give_up(error: MissingProgramError) -> None:
     """Skip a test that cannot see anything, or fail it where it must."""
-    if os.environ.get("HEXCTL_REQUIRE_VIEWER"):
+    if os.environ.get("HEXCTL_REQUIRE_ALL"):
         pytest.fail(str(error))
     pytest.skip(str(error))
 

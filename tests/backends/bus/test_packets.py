@@ -3,6 +3,7 @@
 import random
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -19,9 +20,11 @@ from hexctl.backends.bus.packets import (
     PacketStream,
     StatusPacket,
 )
+from hexctl.backends.bus.register_bus import RegisterBus
 from hexctl.backends.bus.registers import AX, STS, XL330, Register, Sign, X, table_of
+from hexctl.backends.bus.servo_bus import BusCounters
 from hexctl.robot.servos.servo_models import SERVO_TYPES
-from tests.backends.bus.boards import LateServoLine
+from tests.backends.bus.boards import AnsweringLine, LateServoLine
 
 FORMATS = {"1": PROTOCOLS[1], "2": PROTOCOLS[2], "lx16a": lx.LX16A}
 every_format = pytest.mark.parametrize("kind", FORMATS)
@@ -270,6 +273,21 @@ def test_answers_of_other_sizes_are_not_waited_for_and_not_taken(servo: LateServ
     servo.pass_time(LATE_S - TIMEOUT_S)
     assert _read(line, 30, size=2, tries=1) in (b"\x64\x02", None), "never the one byte"
     assert _read(line, 30, size=2) == b"\x64\x02"
+
+
+@pytest.mark.parametrize("baud", [9_600, 57_600, 1_000_000])
+def test_one_packet_reads_all_servos_however_slow_the_line(baud: int) -> None:
+    """Their answers come one after the other, as fast as the line carries them."""
+    ids, table = range(1, 19), table_of("sts3215")
+
+    def answers(_request: bytes) -> list[tuple[float, bytes]]:
+        packets = [PROTOCOLS[1].status(servo_id, 0, bytes(table.block[1])) for servo_id in ids]
+        sizes = np.cumsum([len(_request), *map(len, packets)])[1:]
+        return [(10 * size / baud, packet) for size, packet in zip(sizes.tolist(), packets, strict=True)]
+
+    line = PacketLine(AnsweringLine(answers, baud), PROTOCOLS[1], timeout_s=0.004, adapts=False)
+    bus = RegisterBus(line, dict.fromkeys(ids, SERVO_TYPES["sts3215"]), BusCounters())
+    assert [report.index for report in bus.poll()] == list(range(18))
 
 
 def test_missing_servos_are_not_waited_for_much_longer_than_the_others_take(servo: LateServoLine) -> None:

@@ -207,11 +207,13 @@ def test_what_the_repertoire_has_not_walked_is_left_to_the_margin(
 def test_a_repertoire_is_read_before_the_walk_only(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     save_repertoire(made_up(), tmp_path / "runs" / "repertoires" / "ant.npz")
     monkeypatch.chdir(tmp_path)
-    policy, unprepared = GlideToStableGait(), GlideToStableGait()
-    policy.prepare(shipped(), _plan(), 0.0)
+    policy, unprepared, without = GlideToStableGait(), GlideToStableGait(), GlideToStableGait(None)
+    for prepared in (policy, without):
+        prepared.prepare(shipped(), _plan(), 0.0)
     monkeypatch.setattr(recovery, "find_repertoire", None)
     assert policy.respond(shipped(), _plan(), 0.0, [STUCK]).stays
-    assert not unprepared.respond(shipped(), _plan(), 0.0, [STUCK]).stays
+    for other in (unprepared, without):
+        assert not other.respond(shipped(), _plan(), 0.0, [STUCK]).stays
 
 
 @pytest.mark.slow

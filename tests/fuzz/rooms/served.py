@@ -17,15 +17,17 @@ from hexctl.cli.network.status_command import status_rows
 from hexctl.client import remote
 from hexctl.client.remote import RemoteRobots
 from hexctl.control.guard import Guard
-from hexctl.errors import HexctlError, RobotFaultError
+from hexctl.errors import HexctlError, MessageError, RobotFaultError
 from hexctl.robot.formats.json_model import robot_from_json, robot_to_json
 from hexctl.server.leases import LeaseManager
 from hexctl.server.requests import RequestHandler
+from hexctl.server.ros.settings import LiveSettings, RosSettings, content
 from hexctl.server.server import RobotServer
 from hexctl.server.stops.latch import StopLatch
 from hexctl.server.stops.stop_socket import StopSocket
 from hexctl.server.transport import Arrival
 from hexctl.types import N_JOINTS, ServoReadings
+from hexctl.wire import ros_cdr
 from hexctl.wire.description import (
     RobotIdentity,
     check_same_robot,
@@ -36,11 +38,14 @@ from hexctl.wire.description import (
 )
 from hexctl.wire.links import CLEAR_COMMAND, KeyMap, Link
 from hexctl.wire.pose import encode_pose
+from hexctl.wire.ros import parameters
+from hexctl.wire.ros.parameters import ParameterService
 from hexctl.wire.zenoh_messages import CommandTag, encode_battery, encode_positions
 from tests.control.posed import PosedMock
-from tests.fuzz.target import JSON_WORDS, as_text, target
+from tests.fuzz.target import BINARY_NUMBERS, JSON_WORDS, as_text, target
 from tests.robots import shipped
 from tests.server.bench import Item
+from tests.server.ros.test_settings import request, wishes
 from tests.wire.test_zenoh_messages import COMMAND_BYTES, STATE_BYTES
 
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
@@ -53,6 +58,29 @@ def _server() -> RobotServer:
     servos.connect()
     servos.clock.tick()
     return server
+
+
+@target(
+    *(
+        request(one, names=["gait", "sit_after"])
+        for one in (ParameterService.GET, ParameterService.GET_TYPES, ParameterService.DESCRIBE)
+    ),
+    request(ParameterService.LIST, prefixes=["gait"], depth=1),
+    *(
+        request(one, **wishes(gait="57", sit_after=9.0, level=True))
+        for one in (ParameterService.SET, ParameterService.SET_ATOMICALLY)
+    ),
+    words=BINARY_NUMBERS,
+)
+def read_ros_parameters(data: bytes) -> None:
+    """Each service is asked with the same bytes; what it answers can be read, and the settings stay valid."""
+    live = LiveSettings(shipped(), RosSettings(ros_drive=True))
+    for service in ParameterService:
+        with suppress(MessageError):
+            asked = parameters.decode_request(service, data)
+            answer = parameters.encode_answer(service, content(live, service, asked))
+            ros_cdr.decode(parameters.request_and_answer(service)[1], answer)
+    live.now.gait_of(shipped())
 
 
 def _readings() -> dict[str, Any]:
