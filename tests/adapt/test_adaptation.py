@@ -1,7 +1,6 @@
 """`hexctl.adapt` and `Adaptation`: a search in Python, its settings, and its progress bar."""
 
 import math
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -265,21 +264,6 @@ def test_walks_are_confirmed_where_a_finer_step_says_more(tmp_path: Path) -> Non
     at_fine = spec_of(tmp_path, notes, world=str(fine), duration_s=40.0, trim="off")
     assert (at_fine.uncertainty_m, at_fine.confirmed_uncertainty_m) == (FOUND.step_m, 0.0)
     assert spec_of(tmp_path, notes, objective="mean").confirmed_uncertainty_m == 0.0
-
-
-@pytest.mark.usefixtures("landscape")
-def test_python_shows_progress_on_a_terminal_and_nothing_elsewhere(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    options: dict[str, Any] = {"optimizer": "random", "budget": 2, "record": False}
-    adapt(5, **options)
-    assert capsys.readouterr() == ("", "")
-    monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    adapt(5, **options)
-    assert "walks" in capsys.readouterr().err
-    adapt(5, **options, progress=False)
-    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.usefixtures("landscape")

@@ -1,6 +1,5 @@
 """Ctrl-C, hangups and other signals, and what is printed on a terminal and in a pipe."""
 
-import io
 import os
 import re
 import signal
@@ -9,7 +8,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
 from hexctl.cli.console import StopOnInterrupt, print_result
 from hexctl.cli.interrupts import NOT_CONFIRMED
@@ -151,16 +149,6 @@ def test_a_second_ctrl_c_in_a_walk_names_the_recording(
     )
 
 
-def test_a_ctrl_c_after_a_walk_is_not_before_it(
-    call: Call, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr("hexctl.runs.run.Run.__exit__", interrupt)
-    path = tmp_path / "walk.rrd"
-    for record, said in ((["--no-record"], ""), (["--record", str(path)], f"; recorded: {path}")):
-        err = call("run --duration 0.2", *record, code=130).err
-        assert err.splitlines()[-1] == f"hexctl: interrupted after the walk{said}"
-
-
 @pytest.mark.parametrize("command", ["run", "sessions list"])
 def test_a_ctrl_c_that_a_command_does_not_handle_is_a_line(
     command: str, call: Call, monkeypatch: pytest.MonkeyPatch
@@ -253,15 +241,6 @@ def test_lines_of_a_table_are_not_wrapped_in_a_pipe(capsys: pytest.CaptureFixtur
         "status     " + ("word " * 40).strip(),
         "after [bold]not markup[/]",
     ]
-
-
-def test_a_narrow_terminal_cuts_no_number_and_wraps_remarks() -> None:
-    table = plain_table("parameter", "value", "")
-    table.add_row("stiffness_nm_per_rad", "35.25", "the file keeps its value")
-    text = io.StringIO()
-    Console(file=text, width=30).print(table, crop=False)
-    lines = [line.rstrip() for line in text.getvalue().splitlines()]
-    assert lines[1:] == ["stiffness_nm_per_rad  35.25  the file keeps its", " " * 29 + "value"]
 
 
 def test_a_status_is_rewritten_on_a_terminal_and_a_line_each_elsewhere(

@@ -13,7 +13,6 @@ from hexctl.cli.grouped_help import MOST_UNGROUPED
 from hexctl.cli.main import COMMANDS, app
 from hexctl.cli.suggestions import SYNONYMS
 from hexctl.errors import InputError, WrongTypeError
-from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.options import (
     RARE,
     UNTYPED,
@@ -26,8 +25,6 @@ from hexctl.options import (
     check_used,
     options_of,
 )
-from hexctl.robot.configs import config_names
-from hexctl.robot.failure import FAILURE_KINDS
 from tests.cli.conftest import Call
 
 #: What an option or argument that takes a number says about it.
@@ -115,14 +112,6 @@ def test_what_is_no_number_or_no_choice_is_refused_with_its_flag(path: str, comm
         for value in bad:
             err = call(*path.split()[1:], parameter.opts[0], value, code=2).err
             assert err.startswith(f"hexctl: {parameter.opts[0]}: got ")
-
-
-def test_names_in_help_texts_are_those_that_exist() -> None:
-    help_of = {parameter.name: parameter.help for parameter in dict(commands())["hexctl run"].params}
-    assert all(name in help_of["robot"] for name in config_names("robots"))
-    assert all(name in help_of["failure"] for name in FAILURE_KINDS)
-    assert ", ".join(NAMED_SLOTS) in help_of["gait"]
-    assert all(command.panel for command in COMMANDS.values())
 
 
 def with_groups(group: Any = None, path: str = "hexctl") -> Iterator[tuple[str, list[str]]]:
@@ -241,15 +230,6 @@ def test_a_value_that_its_type_does_not_allow_is_refused(
 ) -> None:
     with pytest.raises(error, match=f"^{named}: got"):
         check_fields(Thing(**fields))  # type: ignore[arg-type]
-
-
-def test_values_that_the_types_allow_pass() -> None:
-    check_fields(Thing(pace_hz=2, turn_rad=1.5, mode="none", connect=None))
-
-
-def test_a_caller_in_python_reads_its_number_in_radians() -> None:
-    with pytest.raises(InputError, match=r"^turn_rad: got 90; allowed: -1\.5708\.\.1\.5708$"):
-        check_fields(Thing(turn_rad=90.0))
 
 
 def test_an_option_that_nothing_uses_is_refused_unless_it_is_its_default() -> None:

@@ -16,11 +16,9 @@ from hexctl.cli.console import print_result
 from hexctl.cli.render.run_output import summary
 from hexctl.cli.render.session_summary import after_stop
 from hexctl.cli.render.session_tables import opening_lines, walk_line
-from hexctl.cli.render.stop_reasons import why_in_words
 from hexctl.options import options_of
 from hexctl.robot.failure import Failure, NoticedFailure
 from hexctl.runs.run_spec import RunSpec
-from hexctl.wire.zenoh_messages import SERVER_ENDED
 from tests.adapt.walking import closing_lines, result_of
 
 WALK: dict[str, Any] = {
@@ -122,17 +120,6 @@ def test_a_row_is_only_there_if_there_is_something_to_say(
     changes: dict[str, Any], labels: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert not shown(capsys, **changes).keys() & labels
-
-
-def test_a_robot_that_was_stopped_has_one_next_command(capsys: pytest.CaptureFixture[str]) -> None:
-    stop = {"status": "aborted", "stopped": "fault: battery", "recording": "runs/walk.rrd"}
-    print_result(*summary({**WALK, **stop, "backend": "zenoh", "world": None}))
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[-1].endswith("hexctl estop --clear")
-    assert len([line for line in lines if "hexctl " in line]) == 1
-    assert "start it again" in why_in_words(f"fault: {SERVER_ENDED}")
-    assert why_in_words("fault: battery", clear=None) == " (fault: battery): remove the cause"
-    assert summary({**WALK, **stop, "backend": "feetech", "world": None}, None)[-1] != lines[-1]
 
 
 OUTCOME = {
@@ -278,13 +265,6 @@ def test_a_hot_servo_cools_down_before_a_search_continues() -> None:
     overheated = LegFailedError("", "leg 5 limp; hot: leg 5 femur (id 15)", (5,))
     assert after_stop(spec, overheated) == "let its servo cool down, "
     assert "--failed-leg 2,5" in after_stop(spec, LegFailedError("", "leg 2 limp", (2,)))
-
-
-def test_a_baseline_within_the_target_says_why_a_trial_was_walked() -> None:
-    made = session(0.001)
-    assert opening_lines(made)[2].startswith("first 1 baseline walk: not part of --budget; only a trial ends")
-    end = closing(made, "target")["ended after 1 trial and 1 baseline walk, 60 s walked"]
-    assert end == "a trial reached its target"
 
 
 def test_nothing_is_said_of_what_is_not_known_or_not_learned() -> None:

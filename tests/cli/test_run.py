@@ -36,14 +36,6 @@ def walk(call: Call) -> Call:
     return walked
 
 
-def test_the_summary_says_how_it_went_and_how_to_look(tmp_path: Path, call: Call) -> None:
-    printed = call("run --duration 2 --gait tripod").out
-    (recording,) = (tmp_path / "runs").iterdir()
-    for word in ("slots 1,4,1,4,1,4", "off line", "status     ok", f"hexctl view runs/{recording.name}"):
-        assert word in printed
-    assert recording.stat().st_size > 10_000
-
-
 @pytest.mark.parametrize(("kit", "reason"), [("Sick", "fault"), ("Lost", "pose lost")])
 def test_a_fault_of_the_robot_is_a_result_that_says_why(kit: str, reason: str, walk: Call) -> None:
     printed = walk(kit, "--no-record", duration_s=8, code=3)
@@ -71,11 +63,6 @@ def test_ctrl_c_before_the_first_command_commands_nothing_and_leaves_nothing(
     assert call(command, "--backend", f"{KITS}:Interrupting", "--record", str(path), code=130).refusal
     assert [(made.closed, len(made.sent)) for made in Kit.made] == [(1, 0)]
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_robot_that_turns_before_it_walks_says_so_first(walk: Call) -> None:
-    options = ("--no-record", "--failed-leg", "5", "--self-rotation", "rear", "--json")
-    assert "turns until leg 5 trails" in walk("Kit", *options).line
 
 
 @pytest.mark.parametrize("block_ticks", [1, 2000], ids=["in the walk", "at its end"])

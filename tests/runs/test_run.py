@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 import hexctl
@@ -50,13 +49,6 @@ def test_names_and_objects_give_the_same_walk(tmp_path: Path, capfd: pytest.Capt
     assert set(recordings) == set(folder.iterdir())
     assert all(path.suffix == ".rrd" for path in folder.iterdir())
     assert ["_ant_wave" in str(path) for path in recordings] == [True, False, True]
-
-
-def test_it_stops_on_request() -> None:
-    asked = iter(range(1000))
-    done = run(stop_requested=lambda: next(asked) > 10, duration_s=60)
-    assert (done.trial.status, done.trial.stopped) == ("aborted", "requested")
-    assert len(done.log) > 0
 
 
 def test_a_stop_from_the_start_moves_nothing_and_leaves_no_recording(tmp_path: Path) -> None:
@@ -151,32 +143,9 @@ class YawMock(PosedMock):
         self.position_world = None
 
 
-class PositionMock(YawMock):
-    """A robot that reports its position only at the fifth reading."""
-
-    reads = 0
-
-    def read(self) -> RobotState:
-        self.reads += 1
-        if self.reads > 4:
-            self.position_world = np.zeros(3)
-        return super().read()
-
-
 @pytest.fixture
 def _position_comes_soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hexctl.runs.run.POSITION_COMES_S", 0.2)
-
-
-@pytest.mark.usefixtures("_position_comes_soon")
-@pytest.mark.parametrize(("kit", "rotation"), [("PositionMock", "none"), ("YawMock", "rear")])
-def test_a_robot_that_does_not_report_its_position_turns_its_failed_leg_to_the_rear(
-    kit: str, rotation: str
-) -> None:
-    with Run(RunSpec(failure=Failure(leg=2), gait="auto", backend=f"{__name__}:{kit}")) as connected:
-        assert connected.plan.self_rotation == rotation
-        gait = connected.plan.gait
-    assert (gait.posture.body_raise > 0) == (rotation == "none"), "the gait is the one for that direction"
 
 
 @pytest.mark.usefixtures("_position_comes_soon")
@@ -374,20 +343,6 @@ def test_echoing_servos_are_asked_about_leg_by_leg() -> None:
     assert asked == [1, 2, 3, 4, 5, 6]
     assert done.diagnosis.source == done.outcome["source"] == "operator"
     assert done.outcome["verdict"] == "leg 3 unknown"
-
-
-def test_without_an_operator_echoing_servos_leave_the_legs_unknown() -> None:
-    done = hexctl.diagnose(backend=ECHO)
-    assert done.diagnosis.source == "none"
-    assert done.diagnosis.failures == ()
-    assert done.outcome["verdict"].startswith("not known")
-
-
-def test_a_stop_request_ends_the_test_early() -> None:
-    calls = iter(range(10_000))
-    done = hexctl.diagnose(stop_requested=lambda: next(calls) > 100)
-    assert done.trial.status == "aborted"
-    assert done.diagnosis.failures == ()
 
 
 def test_only_a_simulation_is_told_what_to_break() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.adapt.prior.prior import CHECKPOINTS, PriorKey, load_prior, load_score_prior, save_prior
+from hexctl.adapt.prior.prior import CHECKPOINTS, PriorKey, load_score_prior, save_prior
 from hexctl.adapt.prior.samples import features_of
 from hexctl.backends.sim.world import Kind, load_randomization
 from hexctl.control.assessment.static_stability import STAND_UP, in_posture
@@ -15,7 +15,6 @@ from hexctl.errors import InputError
 from hexctl.robot.failure import BROKEN_KINDS, Failure, drawn_failure
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec
 from hexctl.study.priors.prior_building import (
-    TIME_STEP_S,
     PriorPlan,
     deflection_of,
     deflections_of,
@@ -35,15 +34,6 @@ FAMILY = load_randomization("randomised")
 
 def plan(**options: Any) -> PriorPlan:
     return PriorPlan(**{"robot": shipped(), "family": FAMILY, **options})
-
-
-def test_each_leg_has_worlds_of_its_own() -> None:
-    specs = plan(worlds=16).specs()
-    assert len({spec.world for spec in specs}) == len(specs) == 6 * 16
-    for leg in (1, 6):
-        worlds = [spec.world for spec in specs if spec.leg == leg]
-        members = FAMILY.members((leg - 1) * WORLDS_PER_LEG, 16)
-        assert worlds == [world.model_copy(update={"time_step_s": TIME_STEP_S}) for world in members]
 
 
 def test_a_family_that_sets_a_step_keeps_it() -> None:
@@ -161,23 +151,6 @@ def test_a_prior_under_a_hold_stands_as_its_sessions_do_and_is_for_them() -> Non
         session = in_posture(shipped(), other, "auto")
         assert asked.key.differences(PriorKey.of(shipped(), session)) == []
     assert prior_file_name(asked, "randomised") == "ant-locked-none-6s-line-leg24.npz"
-
-
-def test_what_a_prior_says_is_in_its_landscapes_and_its_file(tmp_path: Path) -> None:
-    asked = prior_plan(legs=(3,), failure="weak:0.5", self_rotation="front", duration_s=12.0)
-    asked.check()
-    for spec in asked.specs():
-        assert (spec.failure, spec.self_rotation, spec.duration_s) == ("weak:0.5", "front", 12.0)
-        assert spec.placed
-        assert spec.codes == tuple(range(1, 121))
-    assert prior_file_name(asked, "randomised") == "ant-weak-0.5-front-12s-leg3.npz"
-    prior = prior_of(asked, [_landscape(spec, 0) for spec in asked.specs()])
-    assert prior.key.failure == "weak:0.5"
-    save_prior(prior, tmp_path / "made.npz")
-    loaded = load_prior(tmp_path / "made.npz")
-    assert (loaded.digest, loaded.head) == (prior.digest, prior.head)
-    assert loaded.origin["family"] == asked.family.model_dump(mode="json")
-    assert "mujoco" in loaded.origin["code"]
 
 
 def test_what_cannot_be_built_is_refused_before_anything_runs() -> None:

@@ -19,7 +19,7 @@ from hexctl.study.paper.evidence import clustered_error
 from hexctl.study.recovery.decentralised import LegLoads, phase_rate
 from hexctl.study.recovery.episodes import RecoveryCase, RecoveryPlace, Track
 from hexctl.study.recovery.methods import DEFAULT_METHODS, METHODS, RecoveryMethod, method_of
-from hexctl.study.recovery.recovery_plan import HEADINGS_DEG, HEXAHEAL, LINE, RecoveryPlan
+from hexctl.study.recovery.recovery_plan import HEADINGS_DEG, HEXAHEAL, LINE
 from hexctl.types import RobotState
 from tests.robots import ROBOT_NAMES, shipped
 from tests.study.made_up_recovery import (
@@ -151,19 +151,6 @@ def test_every_robot_meets_every_failure_in_every_world_by_every_method() -> Non
         assert {case.failure for case in cases} == {"limp"}
 
 
-@pytest.mark.long
-def test_a_second_leg_fails_ten_seconds_after_the_first_in_either_order() -> None:
-    made = RecoveryPlan(robots=(shipped(),), families=plan().families, protocols=("second",), runs=6)
-    assert [one.duration_s for one, _ in made.walked()] == [36.0] * 6
-    cases = [case for _, some in made.walked() for case in some if case.method == "told"]
-    assert len(cases) == 15 * 6
-    for case in cases:
-        (first, second), trial = case.legs, made.walked()[0][0].trial(case)
-        assert [event.leg for event in trial.events] == [first, second]
-        assert [event.at_s for event in trial.events] == pytest.approx([case.at_s, case.at_s + 10.0])
-    assert sum(first < second for first, second in (case.legs for case in cases)) == 15 * 3
-
-
 def test_phase_and_heading_are_drawn_by_the_seed_and_are_the_same_for_all_methods() -> None:
     def drawn(seed: int) -> dict[tuple[Any, ...], set[tuple[float, float]]]:
         found: dict[tuple[Any, ...], set[tuple[float, float]]] = {}
@@ -278,19 +265,3 @@ def test_a_failure_matters_that_changes_the_walk_in_which_nothing_is_done() -> N
     for changes, matters in cases:
         made = changed(harmless, on_line("nothing"), **changes)
         assert set(made.rows[made.rows["judged"]]["matters"]) == {matters}, changes
-
-
-def test_walks_that_fell_have_no_end_and_no_speed() -> None:
-    made = findings()
-    fallen = changed(
-        made,
-        lambda place, one: (
-            on_line("recover")(place, one) and one.case.legs == (2,) and one.case.failure == "locked"
-        ),
-        status="fell",
-        signed_m=math.nan,
-        after_m_s=math.nan,
-    )
-    found = fallen.statistics("recover")
-    assert (found["fell"], found["episodes"], found["kept_worst"]) == (4, 16, 0.0)
-    assert found["kept"] == pytest.approx(0.9)

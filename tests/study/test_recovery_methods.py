@@ -16,7 +16,6 @@ from hexctl.control.custom_controller import StepFunction
 from hexctl.control.diagnosis.standing_test import Probe
 from hexctl.control.monitor.monitored_walk import recovering_walk
 from hexctl.control.monitor.recovery import StopWalking
-from hexctl.control.monitor.repertoire import save_repertoire
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
@@ -44,7 +43,6 @@ from hexctl.study.walk_cache import WalkCache
 from hexctl.study.walking import Work
 from hexctl.types import FloatArray
 from tests.adapt.walking import result_of
-from tests.control.monitor.repertoires import made_up
 from tests.robots import shipped
 from tests.study.made_up import Remembering
 from tests.study.made_up_recovery import episode, plan
@@ -116,13 +114,6 @@ def test_walks_of_own_methods_are_not_kept(tmp_path: Path) -> None:
     own = replace(fell, case=case("mine:Mine", 2))
     cache.save(PLACE, [fell, own])
     assert repr(cache.load(PLACE)) == repr({fell.case: fell})
-
-
-def test_walks_by_another_repertoire_are_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    before = replace(PLACE).fingerprint
-    save_repertoire(made_up(), tmp_path / "runs" / "repertoires" / "ant.npz")
-    assert replace(PLACE).fingerprint != before
 
 
 LONG = replace(plan().walked()[0][0], duration_s=24.0)
@@ -219,20 +210,6 @@ def test_each_walk_has_the_gait_with_which_a_trial_ended_nearest_its_line(
     assert {event.at_s for one in tried for event in one.events} == {0.0}
 
 
-@pytest.mark.long
-def test_after_the_failure_nothing_holds_the_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(open_loop, "TRIES", 2)
-    intact, failed = OPEN.walk([open_case(), open_case(2)])
-    held_intact, held = OPEN.walk([open_case(method="nothing"), open_case(2, method="nothing")])
-    assert (intact.trials, failed.trials) == (0, 2)
-    assert intact.signed_m == held_intact.signed_m
-    assert failed.status == "ok"
-    assert failed.alarms == ()
-    assert failed.final_m > 2 * held.final_m
-    (alone,) = OPEN.walk([open_case(2)])
-    assert repr(alone) == repr(failed)
-
-
 PLAN = TrialPlan(gait=make_gait(shipped(), "tripod"), duration_s=12.0, self_rotation="none", hold="line")
 
 
@@ -265,13 +242,6 @@ def test_trial_and_error_leaves_the_neighbourhood_of_a_gait_that_failed() -> Non
     search = TrialAndErrorSearch(near)
     told(search, FELL)
     assert told(search, 0.1)[0, 0] >= 0.5, "the first twenty behave alike"
-
-
-def test_trial_and_error_gives_up() -> None:
-    search = TrialAndErrorSearch(archive())
-    tried = [told(search, 0.0) for _ in range(20)]
-    assert len(tried) == 20
-    assert not search.ask()
 
 
 def test_an_archive_turns_with_the_direction_of_travel() -> None:

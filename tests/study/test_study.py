@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.backends.sim.world import World, load_world
 from hexctl.errors import InputError, WrongTypeError
 from hexctl.options import options_of
 from hexctl.palette import INVALID_COLOR, deviation_color
@@ -18,10 +17,8 @@ from hexctl.study.hold_plan import HoldPlan
 from hexctl.study.paper.claims import claims_of
 from hexctl.study.paper.searches import Findings, curve_of
 from hexctl.study.paper.study_figures import trajectories_figure
-from hexctl.study.paper.study_plan import StudyPlan, nearby_worlds
+from hexctl.study.paper.study_plan import StudyPlan
 from hexctl.study.planned_study import planned_study
-from hexctl.study.priors.planned_prior import planned_prior
-from hexctl.study.priors.prior_building import PriorPlan
 from hexctl.study.priors.prior_options import PriorOptions
 from hexctl.study.report_page import Block, Bullets, Picture, Section, Table, render_page
 from hexctl.study.study_options import TAKEN_BY, StudyOptions
@@ -29,16 +26,6 @@ from hexctl.study.walk_cache import WalkCache
 from hexctl.study.walking import Work
 from tests.robots import shipped
 from tests.study.made_up import Remembering, made_up, made_up_findings, spread_out
-
-
-def test_options_are_fields_of_the_plan() -> None:
-    options = StudyOptions(
-        robot="pexod", world="slippery", legs=[2, 5], failure="limp", optimizers=["pso"], runs=2, seed=7
-    )
-    plan = planned_study(options).plan
-    assert (plan.robot.name, plan.world) == ("pexod", load_world("slippery"))
-    assert (plan.legs, plan.failure, plan.optimizers) == ((2, 5), "limp", ("pso",))
-    assert (plan.runs, plan.seed, plan.budget) == (2, 7, 120)
 
 
 def test_a_comparison_of_holds_takes_lists() -> None:
@@ -64,17 +51,6 @@ def test_time_steps_of_a_matrix_are_milliseconds() -> None:
         (0.002, "locked"),
         (0.002, "limp"),
     ]
-
-
-def test_a_world_that_is_no_family_is_refused() -> None:
-    with pytest.raises(InputError, match="world"):
-        planned_study(StudyOptions(transfer=True, world="slippery"))
-
-
-def test_walks_that_hold_their_line_do_not_turn_before() -> None:
-    plans = [planned_prior(PriorOptions(hold=hold)).plan for hold in ("none", "heading", "line")]
-    assert [plan.self_rotation for plan in plans] == ["rear", "rear", "none"]
-    assert all(isinstance(plan, PriorPlan) and plan.worlds == 16 for plan in plans)
 
 
 @pytest.mark.parametrize(
@@ -148,14 +124,6 @@ def test_a_folder_with_other_things_is_refused(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
-def test_the_world_itself_is_the_first_and_more_continue_fewer() -> None:
-    world = load_world("slippery")
-    five = nearby_worlds(world, 5)
-    assert five[0] == world
-    assert nearby_worlds(world, 3) == five[:3]
-    assert len(set(map(World.model_dump_json, five))) == 5
-
-
 @pytest.mark.parametrize(
     ("options", "field"),
     [
@@ -177,13 +145,6 @@ def test_what_is_not_allowed_is_refused(options: dict[str, Any], field: str) -> 
         StudyPlan(**{"robot": shipped(), **options}).check()
 
 
-@pytest.mark.parametrize("jobs", [0, 1025])
-def test_impossible_numbers_of_jobs_are_refused_before_anything_runs(jobs: int, tmp_path: Path) -> None:
-    with pytest.raises(InputError):
-        small_plan().run(tmp_path / "out", Work(cache=WalkCache(tmp_path / "cache"), jobs=jobs))
-    assert list(tmp_path.iterdir()) == []
-
-
 HOSTILE = '<script>alert("a & b")</script>'
 
 
@@ -201,15 +162,6 @@ def test_every_text_is_escaped(tmp_path: Path) -> None:
     assert HOSTILE not in text
     assert text.count("&lt;script&gt;") >= 9
     assert "a<b" not in text
-
-
-def test_verdicts_are_coloured_and_nothing_else_is() -> None:
-    row = ["holds", "does not hold, by 2 cm", "not measured", "not judged: too short", "it holds", ""]
-    text = render_page("", [Section("", [Table(["holds"] * 6, [row])])])
-    assert '<td class="yes">holds</td>' in text
-    assert '<td class="no">does not hold, by 2 cm</td>' in text
-    assert '<td class="open">not judged: too short</td>' in text
-    assert text.count('<td class="') == 3
 
 
 def test_a_path_has_the_colour_that_the_viewer_gives_its_deviation() -> None:

@@ -186,17 +186,6 @@ def test_the_report_is_one_page_with_all_walks_beside_it(findings: "DataFrame", 
     )
 
 
-def test_half_of_the_worlds_are_of_a_kind_that_no_world_of_a_prior_is() -> None:
-    asked = plan(worlds=30, legs=(5,))
-    plain = [spec for spec in asked.specs() if asked.kind_of(spec) == "plain"]
-    assert len(plain) == 15
-    for spec in asked.specs():
-        world = spec.world
-        odd = (world.roughness_m, world.servo_backlash_deg, world.servo_delay_s)
-        like_a_prior = not any(odd) and (world.friction_cone, world.time_step_s) == ("elliptic", 0.002)
-        assert like_a_prior == (spec in plain)
-
-
 @pytest.mark.parametrize(
     ("code", "cut_at", "status", "looked"),
     [

@@ -213,18 +213,6 @@ def test_numbers_come_back(sign: Sign, size: int, value: int) -> None:
     assert register.value(register.raw(value)) == value
 
 
-@pytest.mark.parametrize("model", [name for name, each in SERVO_TYPES.items() if each.driver != "lx16a"])
-def test_every_model_has_registers_in_which_its_centre_fits(model: str) -> None:
-    table = table_of(model)
-    assert table.protocol == SERVO_TYPES[model].protocol
-    first, size = table.block
-    for register in table.reports:
-        assert first <= register.address
-        assert register.address + register.size <= first + size
-    packed = table.packed(table.goal, SERVO_TYPES[model].centre)
-    assert table.goal.value(int.from_bytes(packed, table.byte_order)) == SERVO_TYPES[model].centre
-
-
 # Questions and answers on a line whose answers come late.
 
 #: How long the line waits, and answers that come later than that, and not much.
