@@ -87,10 +87,10 @@ class PortThread(ABC, Generic[Device]):
         """Stop after the current packets; the servos hold, unless their torque was to be off."""
         self._stopping.set()
         self._wake.set()
-        if self._thread.ident is None:  # connecting was interrupted
-            self._end()
-        else:
+        if self._thread.ident is not None:
             self._time.join(self._thread)
+        else:  # connecting was interrupted
+            self._end()
 
     def send(self, targets: FloatArray) -> None:
         """Set the next targets, (18,) in the units of the port."""

@@ -167,7 +167,7 @@ class PortServos(MappedServos[Map, Counters], Generic[Map, Thread, Counters]):
 
     @abstractmethod
     def _prepared(self) -> Thread:
-        """A thread on the opened port, not started; raises RobotFaultError or OSError."""
+        """Thread on the opened port, not started; raises RobotFaultError or OSError."""
 
     @abstractmethod
     def _state(self, thread: Thread) -> RobotState:

@@ -64,18 +64,6 @@ class SimClock(Clock):
         return Tick(self.index, self.index * self.period_s, late_s)
 
 
-#: Attributes of connected servos.
-_OF_A_CONNECTION = (
-    "_qpos",
-    "_ctrl",
-    "_warnings",
-    "_waiting_rad",
-    "_friction_nm",
-    "sensors",
-    "_power",
-)
-
-
 class SimServos(OwnServos):
     """A MuJoCo hexapod in a world, with or without failed legs.
 
@@ -139,13 +127,12 @@ class SimServos(OwnServos):
 
     def connect(self) -> None:
         """Compile the model and stand the robot on the floor."""
-        if self._compiled is not None:
-            return
-        try:
-            self._compile()
-        except BaseException:
-            self.close()
-            raise
+        if self._compiled is None:
+            try:
+                self._compile()
+            except BaseException:
+                self._compiled = None
+                raise
 
     def _compile(self) -> None:
         broken = self._first_failures
@@ -239,8 +226,8 @@ class SimServos(OwnServos):
         if self._compiled is not None:
             self._compiled.physics.free()
             self._compiled = None
-            for name in _OF_A_CONNECTION:  # some are missing if connecting was interrupted
-                vars(self).pop(name, None)
+            del self._qpos, self._ctrl, self._warnings, self._waiting_rad, self._friction_nm
+            del self.sensors, self._power
 
     def _make_power(self) -> ServoPower:
         """Switch of the power, initially on, with the current values."""
