@@ -34,64 +34,36 @@ STS_ROWS = """
 69 2 Present Current
 """
 
+
+def pairs(text: str) -> dict[str, str]:
+    """Text by its first words: `field Name in the table`, between semicolons or in lines."""
+    words = (part.split(None, 1) for part in text.replace(";", "\n").splitlines() if part.strip())
+    return {key: value.strip() for key, value in words}
+
+
 #: The vendors' names of the registers of each field, in its order.
-DYNAMIXEL = {
-    "torque": "Torque Enable",
-    "goal": "Goal Position",
-    "position": "Present Position",
-    "effort": "Present Load",
-    "current": "Present Current",
-    "temperature": "Present Temperature",
-    "model": "Model Number",
-    "servo_id": "ID",
-    "return_delay": "Return Delay Time",
-    "status_level": "Status Return Level",
-    "firmware": "Firmware Version",
-    "voltages": "Min Voltage Limit; Max Voltage Limit",
-    "shutdown": "Shutdown",
-    "hardware_error": "Hardware Error Status",
-}
-AX_NAMES = DYNAMIXEL | {
-    "voltage": "Present Voltage",
-    "least": "CW Angle Limit",
-    "most": "CCW Angle Limit",
-    "mode": "Control Mode",
-    "max_torque": "Max Torque",
-    "torque_limit": "Torque Limit",
-    "soft_torque": "Torque Limit",
-    "speed": "Moving Speed",
-}
-X_NAMES = DYNAMIXEL | {
-    "voltage": "Present Input Voltage",
-    "least": "Min Position Limit",
-    "most": "Max Position Limit",
-    "mode": "Operating Mode",
-    "also_required": "Drive Mode; Profile Acceleration; Profile Velocity; Drive Mode; Drive Mode",
-    "shadow_id": "Secondary(Shadow) ID",
-    "max_torque": "PWM Limit",
-    "soft_torque": "Goal PWM",
-    "speed": "Profile Velocity",
-    "acceleration": "Profile Acceleration",
-    "watchdog": "Bus Watchdog",
-}
-FEETECH_NAMES = DYNAMIXEL | {
-    "voltage": "Present Voltage",
-    "least": "Min Angle Limit",
-    "most": "Max Angle Limit",
-    "mode": "Mode",
-    "also_required": "Phase; Phase; Angular Resolution",
-    "slow_unit": "Phase",
-    "status_level": "Response Level",
-    "firmware": "Firmware Major; Firmware Minor",
-    "shutdown": "Unloading Condition",
-    "overload_torque": "Protective Torque",
-    "max_torque": "Max Torque",
-    "torque_limit": "Torque Limit",
-    "soft_torque": "Torque Limit",
-    "speed": "Goal Speed",
-    "acceleration": "Acc",
-    "unlock": "Lock",
-}
+DYNAMIXEL = pairs("""
+torque Torque Enable; goal Goal Position; position Present Position; effort Present Load
+current Present Current; temperature Present Temperature; model Model Number; servo_id ID
+return_delay Return Delay Time; status_level Status Return Level; firmware Firmware Version
+voltages Min Voltage Limit, Max Voltage Limit; shutdown Shutdown; hardware_error Hardware Error Status
+""")
+AX_NAMES = DYNAMIXEL | pairs("""
+voltage Present Voltage; least CW Angle Limit; most CCW Angle Limit; mode Control Mode; speed Moving Speed
+max_torque Max Torque; torque_limit Torque Limit; soft_torque Torque Limit
+""")
+X_NAMES = DYNAMIXEL | pairs("""
+voltage Present Input Voltage; least Min Position Limit; most Max Position Limit; mode Operating Mode
+also_required Drive Mode, Profile Acceleration, Profile Velocity, Drive Mode, Drive Mode
+shadow_id Secondary(Shadow) ID; max_torque PWM Limit; soft_torque Goal PWM; speed Profile Velocity
+acceleration Profile Acceleration; watchdog Bus Watchdog
+""")
+FEETECH_NAMES = DYNAMIXEL | pairs("""
+voltage Present Voltage; least Min Angle Limit; most Max Angle Limit; mode Mode; slow_unit Phase
+also_required Phase, Phase, Angular Resolution; status_level Response Level; speed Goal Speed
+firmware Firmware Major, Firmware Minor; shutdown Unloading Condition; overload_torque Protective Torque
+max_torque Max Torque; torque_limit Torque Limit; soft_torque Torque Limit; acceleration Acc; unlock Lock
+""")
 
 #: Units of a count in the e-Manual and Feetech's tables: A, V, degrees/s and degrees/s^2.
 UNITS = {
@@ -106,21 +78,10 @@ UNITS = {
 
 
 #: Lowest supply in V.
-LEAST_V = {
-    "ax12a": 9.0,
-    "ax18a": 9.0,
-    "xl320": 6.0,
-    "xl330-m077": 3.7,
-    "xl330-m288": 3.7,
-    "xl430-w250": 6.5,
-    "xm430-w350": 10.0,
-    "sts3215": 4.0,
-    "sts3032": 4.0,
-    "scs0009": 4.8,
-    "lx16a": 6.0,
-    "lx224": 6.0,
-    "hts35h": 9.0,
-}
+LEAST_V = pairs("""
+ax12a 9; ax18a 9; xl320 6; xl330-m077 3.7; xl330-m288 3.7; xl430-w250 6.5; xm430-w350 10; sts3215 4; sts3032 4
+scs0009 4.8; lx16a 6; lx224 6; hts35h 9
+""")
 
 
 def rows_of(text: str) -> Rows:
@@ -174,7 +135,7 @@ def test_every_register_is_where_the_vendors_table_has_it(model: str) -> None:
     table = table_of(model)
     for field, some in named(table).items():
         assert field in names, f"{field} needs its name in the vendor's table here"
-        expected = [rows[name.strip()] for name in names[field].split(";")]
+        expected = [rows[name.strip()] for name in names[field].split(",")]
         assert [(each.address, each.size) for each in some] == expected, field
     for field, unit in next(units for begin, units in UNITS.items() if model.startswith(begin)).items():
         assert getattr(table, field).scale == pytest.approx(unit, rel=2e-3), field
@@ -213,7 +174,7 @@ def test_the_commands_of_lx16a_are_those_of_its_document() -> None:
 
 def test_supplies_numbers_and_turns_are_those_of_the_data_sheets() -> None:
     """Lowest supply in V, model number and counts: e-Manual, "Specifications", and product pages."""
-    assert {name: each.least_v for name, each in SERVO_TYPES.items()} == LEAST_V
+    assert {name: f"{each.least_v:g}" for name, each in SERVO_TYPES.items()} == LEAST_V
     numbers = {"ax12a": 12, "ax18a": 18, "sts3215": 777, "scs0009": 1284}
     for line in (
         (files("dynamixel_easy_sdk") / "control_table" / "dynamixel.model").read_text().split("\n")[1:]
