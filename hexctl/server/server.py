@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from hexctl.backends.base import LegServos, failures_in_force
 from hexctl.backends.clock import SPARE_S, STANDSTILL_S, Standstill
-from hexctl.control.guard import EXPIRY_S, Guard
+from hexctl.control.guard import EXPIRY_S, POSE_EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, MessageError, RobotFaultError
 from hexctl.robot.rotations import xyzw
 from hexctl.server.event_log import EventLog
@@ -27,7 +27,9 @@ from hexctl.wire.description import RobotIdentity, describe, encode_json
 from hexctl.wire.links import CLEAR_COMMAND, Link
 from hexctl.wire.pose import decode_estimate, encode_pose
 from hexctl.wire.ros import telemetry
+from hexctl.wire.ros_cdr import stamp_s
 from hexctl.wire.stop import ESTOP
+from hexctl.wire.transit_delay import StampCheck
 from hexctl.wire.zenoh_messages import SERVER_ENDED, encode_battery, encode_positions, tag_of
 
 if TYPE_CHECKING:
@@ -102,6 +104,7 @@ class RobotServer:
         self._standstill: Standstill | None = None
         self._ticked_s = math.inf
         self._malformed_poses = 0
+        self._pose_stamps = StampCheck(renewed_s=POSE_EXPIRY_S)
         self._ros = None if ros is None else ros(self._inbox, self._requests.stop_over_ros)
         self._driver: RosDriver | None = None
         if self._ros is not None and self._ros.drive:
@@ -245,6 +248,8 @@ class RobotServer:
         except MessageError:
             self._malformed_poses += 1
             return
+        if not self._pose_stamps.admits(stamp_s(payload), at_s):
+            return
         if self._servos.posed_at_s is None:
             if position is None and quaternion is None:
                 return  # no state yet
@@ -365,6 +370,7 @@ class RobotServer:
             "clipped": guard.counters.clipped,
             "servo_link": guard.link_counts or None,
             "malformed": {"requests": self._requests.malformed, "poses": self._malformed_poses},
+            "late_poses": self._pose_stamps.late,
             "positions_doubted": guard.positions.doubted,
             "ticks": self._ticks,
             "overruns": guard.clock.overruns,

@@ -19,7 +19,8 @@ from hexctl.types import ArrayFields, BoolArray, FloatArray
 from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.pose import decode_orientation, encode_pose
-from hexctl.wire.transit_delay import TransitDelay
+from hexctl.wire.ros_cdr import stamp_s
+from hexctl.wire.transit_delay import StampCheck, TransitDelay
 from hexctl.wire.zenoh_messages import StateTag, decode_joints
 
 #: Length of the queue: ten seconds of states; older ones are dropped.
@@ -57,7 +58,9 @@ class RobotLink:
         self.robot, self._plain = robot, plain
         self._states: deque[LegState] = deque(maxlen=MOST_STATES)
         self._yaw: tuple[float, float] | None = None
-        self._transit = TransitDelay(OTHER_CLOCK_S)
+        self._transit, self._yaw_stamps = TransitDelay(OTHER_CLOCK_S), StampCheck(OTHER_CLOCK_S)
+        # A wall clock that is never set: a step back would make poses late.
+        self._epoch_ns = time.time_ns() - time.monotonic_ns()
         for kind, take in (("imu", self._take_yaw), ("joint_states", self._take_state)):
             session.declare_subscriber(getattr(keys, kind), partial(self._guarded, take))
         self._publisher = session.declare_publisher(
@@ -80,6 +83,7 @@ class RobotLink:
             about_z(pose.yaw_rad),
             position_variance_m2=position_variance_m2,
             yaw_variance_rad2=yaw_variance_rad2,
+            stamp_ns=self._epoch_ns + time.monotonic_ns(),
         )
         self._publisher.put(payload)
 
@@ -89,7 +93,10 @@ class RobotLink:
             take(sample, time.monotonic())
 
     def _take_yaw(self, sample: Any, now_s: float) -> None:
-        quaternion = decode_orientation(bytes(sample.payload))
+        payload = bytes(sample.payload)
+        quaternion = decode_orientation(payload)
+        if not self._yaw_stamps.admits(stamp_s(payload), now_s):
+            return
         self._yaw = None if quaternion is None else (now_s, float(yaw_rad(quaternion)))
 
     def _take_state(self, sample: Any, now_s: float) -> None:

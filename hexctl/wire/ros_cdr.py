@@ -87,6 +87,15 @@ def decode(kind: str, payload: bytes) -> Any:
 #: The encapsulation header; alignment counts from its end.
 _HEADER_BYTES = 4
 
+
+def stamp_s(payload: bytes) -> float | None:
+    """Stamp in s of a message that begins with a std_msgs/Header; None for 0, which is no stamp."""
+    if len(payload) < _HEADER_BYTES + 8:
+        return None
+    seconds, nanoseconds = struct.unpack_from("<iI" if payload[1] & 1 else ">iI", payload, _HEADER_BYTES)
+    return seconds + nanoseconds / NANOSECONDS or None
+
+
 #: Placeholder of the stamp while its offsets are searched: no name or number resembles it.
 _MARK_NS = 1_515_870_810 * NANOSECONDS + 782_936_514
 _MARK = divmod(_MARK_NS, NANOSECONDS)

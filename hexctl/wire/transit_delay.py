@@ -1,6 +1,7 @@
 """Delay of messages on their way, by two clocks that need not agree."""
 
 import math
+from collections import OrderedDict
 
 #: Bound on the relative drift of two monotonic clocks: 100 ppm each, up to 500 ppm while NTP slews one.
 DRIFT = 1000e-6
@@ -27,3 +28,40 @@ class TransitDelay:
             self._fastest_s = took_s
         self._fastest_s = min(self._fastest_s, took_s)
         return took_s - self._fastest_s
+
+
+#: Later messages are dropped, if they have a stamp and no shorter time to live.
+MOST_LATE_S = 0.5
+
+#: Senders whose clocks are remembered.
+MOST_SENDERS = 32
+
+
+class StampCheck:
+    """Drops late messages of one kind, each relative to the fastest one of its sender.
+
+    Args:
+        renewed_s: silence after which a sender may have another clock, in s.
+
+    Attributes:
+        late: number of dropped messages.
+    """
+
+    def __init__(self, renewed_s: float = math.inf) -> None:
+        self._renewed_s = renewed_s
+        self._senders: OrderedDict[bytes, tuple[float, TransitDelay]] = OrderedDict()
+        self.late = 0
+
+    def admits(self, stamp_s: float | None, arrived_s: float, sender: bytes = b"") -> bool:
+        """Whether a message is not late; `stamp_s` is None for one without a stamp, which never is."""
+        if stamp_s is None:
+            return True
+        heard_s, transit = self._senders.pop(sender, (arrived_s, TransitDelay()))
+        if arrived_s - heard_s > self._renewed_s:
+            transit = TransitDelay()
+        self._senders[sender] = arrived_s, transit
+        if len(self._senders) > MOST_SENDERS:
+            self._senders.popitem(last=False)
+        late = transit.delay_s(stamp_s, arrived_s) > MOST_LATE_S
+        self.late += late
+        return not late

@@ -18,6 +18,8 @@ from hexctl.waiting import wait_for
 from hexctl.wire.description import decode_answer
 from hexctl.wire.links import KeyMap
 from hexctl.wire.pose import decode_pose
+from hexctl.wire.ros_cdr import stamp_s
+from hexctl.wire.transit_delay import MOST_LATE_S, TransitDelay
 from hexctl.wire.zenoh_messages import StateTag, decode_battery, decode_joints
 
 #: Subscribed kinds of messages.
@@ -74,7 +76,11 @@ class StateSubscriber:
     def __init__(self, keys: KeyMap, latest: LatestValues, *, plain: bool = False) -> None:
         self._keys, self._latest, self._plain = keys, latest, plain
         self._forget_status()
+        self._forget_clocks()
         self._after = 0
+
+    def _forget_clocks(self) -> None:
+        self._transits = {kind: TransitDelay() for kind in ("joint_states", "odom")}
 
     def _forget_status(self) -> None:
         self._failures: tuple[Failure, ...] | None = None
@@ -86,6 +92,7 @@ class StateSubscriber:
         """Subscribe, with nothing received yet."""
         self._latest.clear()
         self._forget_status()
+        self._forget_clocks()
         for kind in SUBSCRIBED:
             session.declare_subscriber(getattr(self._keys, kind), partial(self._latest.put, kind))
 
@@ -93,6 +100,7 @@ class StateSubscriber:
         """Discard everything received so far, and later states up to a number."""
         self._after = after
         self._latest.clear()
+        self._forget_clocks()
 
     @property
     def heard_at_s(self) -> float:
@@ -133,17 +141,18 @@ class StateSubscriber:
             tag = PLAIN_TAG if self._plain else StateTag.unpacked(sample.attachment or b"")
         except MessageError as error:
             raise RobotFaultError(f"the robot sends invalid states: {error}") from error
+        delay_s = self._delay_s("joint_states", sample, tag)
         position, quaternion = self._pose(sample.at_s)
         self._take_status()
         battery_v, battery_share = self._battery()
         return RobotState(
             joint_positions_rad,
-            stamp_s=max(0.0, clock_s - (now_s - sample.at_s)),
+            stamp_s=max(0.0, clock_s - (now_s - sample.at_s) - delay_s),
             measured=tag.measured,
             base_position_world=position,
             base_quaternion_world=quaternion,
             foot_contacts=tag.contacts,
-            age_s=now_s - sample.at_s + tag.age_us / 1e6,
+            age_s=now_s - sample.at_s + delay_s + tag.age_us / 1e6,
             healthy=tag.healthy,
             fault=_told(tag.fault),
             stopped=_told(tag.stopped),
@@ -185,9 +194,16 @@ class StateSubscriber:
         if sample is None or state_at_s - sample.at_s > STALE_POSE_S:
             return None, None
         try:
-            return decode_pose(sample.payload)
+            tag = PLAIN_TAG if self._plain else StateTag.unpacked(sample.attachment or b"")
+            late = self._delay_s("odom", sample, tag) > MOST_LATE_S
+            return (None, None) if late else decode_pose(sample.payload)
         except MessageError:
             return None, None
+
+    def _delay_s(self, kind: str, sample: StampedSample, tag: StateTag) -> float:
+        """Delay of a sample by its tag, or by its header without one, relative to the fastest of its kind."""
+        stamp = stamp_s(sample.payload) if self._plain else tag.stamp_ns / 1e9
+        return 0.0 if stamp is None else self._transits[kind].delay_s(stamp, sample.at_s)
 
     def _battery(self) -> tuple[float | None, float | None]:
         sample = self._latest.newest("battery")

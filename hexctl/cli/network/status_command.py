@@ -179,6 +179,7 @@ def _ros(ros: Mapping[str, Any] | None) -> str:
         f"router {ros.get('router')}" if ros.get("connected") else ros.get("trouble") or "not connected yet"
     )
     counts = f"{ros.get('commands', 0)} commands, {ros.get('malformed', 0)} malformed"
+    counts += f", {ros['late']} late by their stamp" if ros.get("late") else ""
     return f"{router}; {counts if ros.get('drive') else 'ROS may stop the robot, and not move it'}"
 
 
@@ -235,7 +236,8 @@ def _loop(status: Status) -> str:
 def _dropped(status: Status) -> str:
     from hexctl.cli.render.stop_reasons import in_words
 
-    return in_words({**status.get("malformed", {}), "leases_refused": status.get("leases_refused", 0)})
+    names = ("leases_refused", "late_poses")
+    return in_words({**status.get("malformed", {}), **{name: status.get(name, 0) for name in names}})
 
 
 def _link(status: Status) -> str:

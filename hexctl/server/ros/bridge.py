@@ -41,6 +41,7 @@ from hexctl.wire.ros.ros_session import (
     open_ros_session,
 )
 from hexctl.wire.ros.telemetry import encode_trigger_answer
+from hexctl.wire.transit_delay import StampCheck
 from hexctl.wire.zenoh_messages import decode_positions
 
 #: Pause before a failed session is opened again.
@@ -54,6 +55,9 @@ SILENT_S = 1.0
 
 #: Topics that move the robot, only with `drive`; a topic has one subscription per type.
 VELOCITIES = (TWIST, TWIST_STAMPED)
+
+#: Types of commands that begin with a header.
+STAMPED = (TWIST_STAMPED, ros_cdr.JOINT_STATE)
 JOINTS_TOPIC = "robot_joint_command"
 POSE_TOPIC = "body_pose"
 STOP_TOPIC = "~/estop"
@@ -65,11 +69,15 @@ _FIRST_SUBSCRIPTION, _FIRST_SERVICE = 30, 40
 
 @dataclass(slots=True)
 class RosCounters:
-    """Counts of messages from ROS; `malformed` includes requests without a client's attachment."""
+    """Counts of messages from ROS.
+
+    `malformed` includes requests without a client's attachment; `late` are commands with an old stamp.
+    """
 
     commands: int = 0
     stops: int = 0
     malformed: int = 0
+    late: int = 0
     sessions: int = 0
 
 
@@ -101,7 +109,7 @@ class RosBridge:
         self._time = time
         self.node, self.drive = node, settings.ros_drive
         self.live = LiveSettings(robot, settings)
-        self.counters = RosCounters()
+        self.counters, self._stamps = RosCounters(), StampCheck()
         self._router: Endpoint = check_router(router, insecure=insecure)
         self._watch = RouterWatch(self._router)
         described = urdf_of(
@@ -181,6 +189,12 @@ class RosBridge:
         """One line on the router: found, or why not; None while unknown."""
         return f"ROS router at {self._router} found" if self._connected else self._trouble
 
+    def is_in_time(self, stamp_s: float | None, sender: bytes) -> bool:
+        """Whether a command with a stamp, or None, that arrives now is not late; late ones are counted."""
+        in_time = self._stamps.admits(stamp_s, self._time.now(), sender)
+        self.counters.late = self._stamps.late
+        return in_time
+
     def put(self, command: RosCommand) -> None:
         """Hand a command to the robot's thread."""
         self._inbox.put("ros", command)
@@ -215,20 +229,20 @@ class _Commands:
     def take(self) -> None:
         """Pass on what has arrived since the last call; of each topic only the newest."""
         for (topic, kind), subscription in self._subscriptions.items():
-            payload = subscription.newest()
-            if payload is None:
+            message = subscription.newest()
+            if message is None:
                 continue
             if topic == STOP_TOPIC:  # with any content: a stop is never refused
                 self._bridge.stop()
             else:
-                self._pass(topic, kind, payload)
+                self._pass(topic, kind, *message)
         for service, server in self._services.items():
             request = server.next_request()
             if request is not None:
                 self._call(service, partial(_answer, request))
         self._counters.malformed += sum(server.take_malformed() for server in self._services.values())
 
-    def _pass(self, topic: str, kind: str, payload: bytes) -> None:
+    def _pass(self, topic: str, kind: str, payload: bytes, sender: bytes) -> None:
         try:
             if topic == JOINTS_TOPIC:
                 command: RosCommand = WantedJoints(decode_positions(payload))
@@ -238,6 +252,9 @@ class _Commands:
                 command = WantedVelocity(decode_velocity(kind, payload))
         except MessageError:
             self._counters.malformed += 1
+            return
+        stamp_s = ros_cdr.stamp_s(payload) if kind in STAMPED else None
+        if not self._bridge.is_in_time(stamp_s, sender):
             return
         self._counters.commands += 1
         self._bridge.put(command)

@@ -3,6 +3,7 @@
 import socket
 import struct
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -185,10 +186,18 @@ class RosSubscription:
         self._subscriber = session.declare_subscriber(endpoint.key, zenoh.handlers.RingChannel(1))
         self._token = session.liveliness().declare_token(endpoint.token(str(session.info.zid())))
 
-    def newest(self) -> bytes | None:
-        """Payload of the newest message, once; None without a new one."""
+    def newest(self) -> tuple[bytes, bytes] | None:
+        """Payload of the newest message and identifier of its sender, once; None without a new one.
+
+        The identifier is empty for a message without the attachment of ROS.
+        """
         sample = self._subscriber.try_recv()
-        return None if sample is None else bytes(sample.payload)
+        if sample is None:
+            return None
+        sender = b""
+        with suppress(MessageError):
+            sender = Attachment.unpacked(b"" if sample.attachment is None else bytes(sample.attachment)).gid
+        return bytes(sample.payload), sender
 
 
 class RosRequest:
