@@ -27,6 +27,7 @@ from hexctl.robot.model import Robot
 from hexctl.robot.servos.servo_map import ServoMap
 from hexctl.types import FloatArray, RobotState
 from hexctl.waiting import wait_for
+from hexctl.wire.transit_delay import StampCheck
 
 #: How long a board may take for its first heartbeat, and then for its first servo positions.
 CONNECT_TIMEOUT_S = 3.0
@@ -102,6 +103,7 @@ class Receiver:
         self.wrong_type: int | None = None
         self.error: OSError | None = None
         self._newest: dict[str, Stamped] = {}
+        self._stamps: dict[str, tuple[float, StampCheck]] = {}
         self._sequence = SequenceCount()
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="mavlink", daemon=True)
@@ -168,10 +170,24 @@ class Receiver:
             return
         self.counters.received += 1
         self.counters.lost = self._sequence.lost
+        if not self._is_in_time(frame, at_s):
+            self.counters.late += 1
+            return
         try:
             self._keep(frame.kind, frame.message, at_s)
         except MessageError:
             self.counters.refused += 1
+
+    def _is_in_time(self, frame: Frame, at_s: float) -> bool:
+        """Whether a frame is not late by its stamp; frames are in order, so an earlier stamp is a restart."""
+        stamp_s = mavlink_messages.stamp_s(frame.message)
+        if stamp_s is None:
+            return True
+        before_s, check = self._stamps.get(frame.kind, (stamp_s, StampCheck()))
+        if stamp_s < before_s:
+            check = StampCheck()
+        self._stamps[frame.kind] = stamp_s, check
+        return check.admits(stamp_s, at_s)
 
     def _meet(self, frame: Frame, peer: Peer) -> None:
         if peer.system == mavlink_messages.CONTROLLER_SYSTEM:

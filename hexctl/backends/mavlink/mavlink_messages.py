@@ -129,6 +129,12 @@ def channels_of(message: Any) -> list[int]:
     return [getattr(message, f"chan{channel}_raw") for channel in range(1, N_JOINTS + 1)]
 
 
+def stamp_s(message: Any) -> float | None:
+    """Stamp of a message in s, on any clock of its sender; None without one."""
+    microseconds = getattr(message, "time_usec", 0) or 1000 * getattr(message, "time_boot_ms", 0)
+    return microseconds / 1e6 if microseconds else None
+
+
 def outputs_of(message: Any) -> Outputs:
     """The channels of an ACTUATOR_OUTPUT_STATUS; raises MessageError for an impossible active pulse."""
     pulses = np.array(message.actuator[:N_JOINTS], dtype=float)

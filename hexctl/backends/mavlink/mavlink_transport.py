@@ -281,6 +281,7 @@ class LinkCounters:
     Attributes:
         lost: messages of the board that never arrived, by their sequence numbers.
         out_of_order: late or repeated messages; they are not used.
+        late: messages of the board with an old stamp; they are not used.
         refused: messages with impossible values.
         foreign: messages of other systems.
         malformed: runs of undecodable bytes: noise, MAVLink 1, unsigned frames, another dialect.
@@ -291,6 +292,7 @@ class LinkCounters:
     received: int = 0
     lost: int = 0
     out_of_order: int = 0
+    late: int = 0
     refused: int = 0
     foreign: int = 0
     malformed: int = 0
