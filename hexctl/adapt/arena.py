@@ -4,15 +4,18 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hexctl.control.trace import Trace
-from hexctl.control.trial import LOOK_TICKS, ShouldStop
+from hexctl.control.trial import LOOK_TICKS, EndCheck, ShouldStop
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import body_heading_rad
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import FloatArray, RobotState
+
+IntArray = NDArray[np.int_]
 
 #: Nearer to home than this, the direction to home is undefined.
 AT_HOME_M = 0.05
@@ -119,9 +122,15 @@ LEFT_THE_ARENA, NO_POSITION = "arena", "no position"
 #: and the stop may be requested one check later.
 LOOKS_AHEAD = 2.0
 
+#: A position that is not measured anew for longer is lost, in ticks.
+LOST_TICKS = LOOK_TICKS
 
-class Geofence:
-    """Ends a walk that would stop outside; the `should_stop` of `run_trial`, `hexctl.run` and sessions."""
+
+class Geofence(EndCheck):
+    """Ends a walk that would stop outside, or loses its position; the `should_stop` of `run_trial` and others.
+
+    A position that repeats itself is not measured anew: sensors have noise, and the robot walks.
+    """
 
     def __init__(self, arena: Arena | float, also: ShouldStop | None = None) -> None:
         """Watch one walk in an arena, or a radius in m around its start; `also` may end it too."""
@@ -131,13 +140,37 @@ class Geofence:
 
     def __call__(self, trace: Trace) -> bool | str:
         """Reason to end the walk, or the answer of `also`."""
-        rows = trace.positions_world
-        if self._arena is None:
-            start = None if trace.frame is None else trace.frame.origin_world
-            if start is None or not np.isfinite(start).all():
-                return NO_POSITION
-            self._arena = Arena(home_m=(float(start[0]), float(start[1])), radius_m=self._radius_m)
-        here, moved = rows[-1], rows[-1] - rows[-LOOK_TICKS - 1 :][0]
-        if np.isfinite(moved).all() and self._arena.leaves(here, here + LOOKS_AHEAD * moved):
+        rows, arena = trace.positions_world, self._placed(trace)
+        measured = _measured_anew(rows)
+        if arena is None or not len(measured) or len(rows) - 1 - measured[-1] > LOST_TICKS:
+            return NO_POSITION
+        last = measured[-1]
+        first = measured[np.searchsorted(measured, max(measured[0], last - LOOK_TICKS), side="right") - 1]
+        moved = (rows[last] - rows[first]) * (LOOK_TICKS / max(1, last - first))
+        looks_m = moved * (LOOKS_AHEAD + (len(rows) - 1 - last) / LOOK_TICKS)
+        if arena.leaves(rows[last], rows[last] + looks_m):
             return LEFT_THE_ARENA
         return self._also is not None and self._also(trace)
+
+    def at_end(self, trace: Trace) -> str | None:
+        """Why a walk that has come to its end was not within the fence for certain, or None."""
+        measured = _measured_anew(trace.positions_world)
+        lost = not len(measured) or len(trace) - 1 - measured[-1] > LOST_TICKS
+        return NO_POSITION if lost or self._placed(trace) is None else None
+
+    def _placed(self, trace: Trace) -> Arena | None:
+        """The arena; one around the start is placed once the start is known."""
+        if self._arena is None:
+            start = None if trace.frame is None else trace.frame.origin_world
+            if start is not None and np.isfinite(start).all():
+                self._arena = Arena(home_m=(float(start[0]), float(start[1])), radius_m=self._radius_m)
+        return self._arena
+
+
+def _measured_anew(positions_world: FloatArray) -> IntArray:
+    """Ticks in which a position (T, 3) is known and differs from the one before."""
+    known = np.flatnonzero(np.isfinite(positions_world).all(axis=-1))
+    if not len(known):
+        return known
+    shown = positions_world[known]
+    return known[np.concatenate([[True], (shown[1:] != shown[:-1]).any(axis=-1)])]

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from hexctl.backends.base import as_robot, check_targets
+from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.simulated_batch import SimBatch, batch_layout
 from hexctl.backends.sim.world import World, as_world
@@ -22,7 +23,15 @@ from hexctl.control.custom_controller import (
     controller_name,
     made_controller,
 )
-from hexctl.control.guard import FALL_TICKS, Guard, StepLimits, leaning
+from hexctl.control.guard import (
+    FALL_TICKS,
+    LONGEST_UNSEEN_S,
+    MOVES_RAD,
+    POSE_LOST,
+    Guard,
+    StepLimits,
+    leaning,
+)
 from hexctl.control.preparation import WalkStart, prepare, ticks_of
 from hexctl.control.trace import TrialFrame
 from hexctl.control.trial import planned_walk, run_trial
@@ -285,6 +294,10 @@ class _Walks:
         self._clipped = np.zeros(n, dtype=int)
         self._limited = np.zeros(n, dtype=int)
         self._leaning_ticks = np.repeat([one.guard.leaning_ticks for one in ready], counts)
+        self._unseen_s = np.repeat([one.guard.poses.oldest_s(one.guard.clock.now_s) for one in ready], counts)
+        self._moving = np.repeat([one.guard.in_motion for one in ready], counts)
+        shown = [one.guard.poses.shown("position") for one in ready]
+        self._shown = np.repeat([np.full(3, np.nan) if one is None else one for one in shown], counts, axis=0)
         self._status = np.full(n, "ok", dtype=object)
         self._stopped: list[str | None] = [None] * n
         self._noticed: list[tuple[NoticedFailure, ...]] = [()] * n
@@ -307,7 +320,11 @@ class _Walks:
             wanted_rad = as_joint_angles(wanted_rad, "controller", leading_shape=running.shape)
             self._limited[asked] = np.broadcast_to(self._controller.limited_steps, asked.shape)[asked]
             self._refuse(wanted_rad)
-            self._accepted_rad = self._limits.apply(wanted_rad, self._accepted_rad)
+            before_rad, self._accepted_rad = (
+                self._accepted_rad,
+                self._limits.apply(wanted_rad, self._accepted_rad),
+            )
+            self._moving = np.abs(self._accepted_rad - before_rad).max(axis=-1) > MOVES_RAD
             self._batch.write(self._accepted_rad)
             self._samples.add(state, self._accepted_rad)
             self._effort.add(state, self._accepted_rad, running)
@@ -362,12 +379,25 @@ class _Walks:
         ]
 
     def _watch(self, state: RobotState) -> None:
+        self._watch_position(state.base_position_world)
         quaternion = state.base_quaternion_world
         if quaternion is None:
             return
         counted = np.where(leaning(quaternion), self._leaning_ticks + 1, 0)
         self._leaning_ticks = np.where(np.isnan(quaternion[:, 0]), self._leaning_ticks, counted)
         self._end(self._batch.running & (self._leaning_ticks >= FALL_TICKS), "fell")
+
+    def _watch_position(self, position: FloatArray | None) -> None:
+        """Stop robots whose position, (n, 3), is missing, or repeats itself while they move, for too long."""
+        shown = np.full_like(self._shown, np.nan) if position is None else position
+        missing, known = np.isnan(shown[:, 0]), np.isfinite(self._shown[:, 0])
+        new = ~missing & (shown != self._shown).any(axis=-1)
+        self._unseen_s = np.where(new, 0.0, self._unseen_s + PERIOD_S * (known & (missing | self._moving)))
+        self._shown = np.where(new[:, np.newaxis], shown, self._shown)
+        lost = self._batch.running & (self._unseen_s > LONGEST_UNSEEN_S)
+        for index in np.flatnonzero(lost).tolist():
+            self._stopped[index] = POSE_LOST
+        self._end(lost, "aborted")
 
     def _refuse(self, wanted_rad: FloatArray) -> None:
         if math.isfinite(np.add.reduce(wanted_rad, axis=None)):

@@ -7,6 +7,7 @@ with batches of simulated robots.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from threading import Lock
 from types import TracebackType
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from hexctl.backends.base import LegServos, ServosWrapper, check_targets
 from hexctl.backends.clock import Standstill
+from hexctl.control.pose_watch import PoseAges, RepeatedAngles, WalkedPosition
 from hexctl.control.stop_reason import reason_in_words
 from hexctl.control.telemetry_watch import HOT, BatteryWatch, PositionCheck, Temperatures
 from hexctl.errors import (
@@ -79,8 +81,12 @@ def base_orientation(state: RobotState) -> FloatArray | None:
 #: Older commands are refused, longer silence freezes the robot, and an older state stops it.
 EXPIRY_S = 0.2
 
-#: Maximum gap in the measured pose; meanwhile steering continues without it.
+#: Maximum gap in the measured pose, or repetition of it; meanwhile steering continues without it.
 POSE_EXPIRY_S = 5.0
+POSE_LOST = "pose lost"
+
+#: With room for rounding, so that a batch ends as a single robot does.
+LONGEST_UNSEEN_S = POSE_EXPIRY_S + 1e-6
 
 #: Maximum expiry of any link.
 MAX_EXPIRY_S = 1.0
@@ -124,15 +130,23 @@ _UNREACHABLE = _OSErrorsAre("the robot cannot be reached")
 _LINK_FAILED = _OSErrorsAre("the link to the robot failed")
 
 
+def _is_judged_elsewhere(servos: LegServos) -> bool:
+    """Whether servos are simulated, or on a link whose server has a guard."""
+    return servos.simulation is not None or (servos.remote is not None and not servos.remote.link.plain)
+
+
 class Guard(ServosWrapper):
     """Limits, freshness, fall detection and a latched stop around any LegServos.
 
     Attributes:
         stopped: why the robot is stopped, or None: `fell`; `fault`, with the robot's report; `state` (not
             finite or too old); `pose lost` (longer than `POSE_EXPIRY_S`); `expired` (no command); `hot` and
-            `low battery`, with the reading; the reason of the robot's own guard; or of `stop`.
+            `low battery`, with the reading; the reason of the robot's own guard; or of `stop`. A pose that
+            repeats itself while the legs move ages as if it were missing; joint angles that do are a `state`.
         leaning_ticks: consecutive ticks in which the body leans too far.
-        positions: plausibility check; a state with an implausible position reports None.
+        positions: plausibility check; a state with an implausible position reports None, as does one whose
+            position stands while the legs walk.
+        poses: ages of the parts of the pose.
         standstill: this program's own delay that caused a stop or refusal, or None.
     """
 
@@ -142,12 +156,15 @@ class Guard(ServosWrapper):
         *,
         expiry_s: float = EXPIRY_S,
         tilt_of: Callable[[RobotState], FloatArray | None] = base_orientation,
+        trusts_position: Callable[[], bool] | None = None,
     ) -> None:
         """Guard servos.
 
         Args:
             expiry_s: maximum age of commands and states, and maximum silence of a controller.
             tilt_of: orientation (4,) for judging falls of the newest state, or None.
+            trusts_position: whether a position may stand while the legs walk; by default that of a
+                simulation, where legs may slip, or of a robot on a link, whose own guard judges it.
 
         Raises InputError for an expiry outside 0 (exclusive) to `MAX_EXPIRY_S`.
         """
@@ -167,7 +184,10 @@ class Guard(ServosWrapper):
         self._baseline_period = 0
         self._tilt_of = tilt_of
         self.positions = PositionCheck()
-        self._seen_at_s: dict[str, float] = {}
+        self._walked = WalkedPosition(servos.robot)
+        self._trusts_position = trusts_position or partial(_is_judged_elsewhere, servos)
+        self.poses = PoseAges()
+        self._joints = RepeatedAngles()
         self._temperatures, self._battery = Temperatures(), BatteryWatch()
         self.leaning_ticks = 0
         self.standstill: Standstill | None = None
@@ -273,7 +293,8 @@ class Guard(ServosWrapper):
 
     def forget_pose(self) -> None:
         """Expect no position and orientation until the next ones; falls are still detected."""
-        self._seen_at_s = {part: at_s for part, at_s in self._seen_at_s.items() if part == "tilt"}
+        self.poses.forget("position", "orientation")
+        self._walked.forget()
         self.positions.forget()
 
     def lift_silence(self) -> bool:
@@ -296,9 +317,7 @@ class Guard(ServosWrapper):
     def pause_watchdog(self) -> None:
         """Expect no command until the next one; a stop stays latched. Raises RobotFaultError."""
         self._accepted_at_s = None
-        now_s = self.clock.now_s
-        # A known pose stays expected, but its age counts from here.
-        self._seen_at_s = dict.fromkeys(self._seen_at_s, now_s)
+        self.poses.renew(self.clock.now_s)
         self.positions.forget()
         with _LINK_FAILED:
             super().pause_watchdog()
@@ -327,7 +346,8 @@ class Guard(ServosWrapper):
 
     def _forget(self) -> None:
         self._accepted_rad = self._accepted_at_s = self._baseline_rad = None
-        self._seen_at_s = {}
+        self.poses, self._joints = PoseAges(), RepeatedAngles()
+        self._walked.forget()
         self._temperatures, self._battery = Temperatures(), BatteryWatch()
         self.positions.forget()
         self.leaning_ticks = 0
@@ -345,7 +365,10 @@ class Guard(ServosWrapper):
         position = state.base_position_world
         if position is None or not all_finite(position):
             return state
-        believed = self.positions.believes(position, self.clock.now_s)
+        now_s = self.clock.now_s
+        believed = self.positions.believes(position, now_s)
+        if believed and not self._trusts_position():
+            believed = self._walked.follows(state, position, now_s)
         return state if believed else replace(state, base_position_world=None)
 
     def _check(self, targets: JointTargets, now_s: float) -> None:
@@ -365,7 +388,8 @@ class Guard(ServosWrapper):
         """Latch a stop for a fall, a fault, a state without information, or a silent controller."""
         now_s = self.clock.now_s
         self._watch_pose(state, now_s)
-        if not (all_finite(state.joint_positions_rad) and state.age_s <= self._expiry_s):
+        repeated = self._joints.look(state, self._accepted_rad, now_s)
+        if repeated or not (all_finite(state.joint_positions_rad) and state.age_s <= self._expiry_s):
             self.stop("state" if state.fault is None else f"fault: {state.fault}")
         if state.stopped is not None:
             self.stop(state.stopped)
@@ -385,21 +409,20 @@ class Guard(ServosWrapper):
             self.stop(f"{HOT}: {joint_in_words(hottest)} {temperatures_c[hottest]:.0f} C")
 
     def _watch_pose(self, state: RobotState, now_s: float) -> None:
-        orientation, tilt, lost = state.base_quaternion_world, self._tilt_of(state), False
+        orientation, tilt = state.base_quaternion_world, self._tilt_of(state)
         for part, value in (
             ("position", state.base_position_world),
             ("orientation", orientation),
             ("tilt", tilt),
         ):
             if value is None:
-                lost = lost or now_s - self._seen_at_s.get(part, now_s) > POSE_EXPIRY_S
                 continue
-            self._seen_at_s[part] = now_s
+            self.poses.look(part, value, now_s, moving=self.in_motion)
             checked_already = part == "tilt" and value is orientation
             if not checked_already and not all_finite(value):
                 self.stop("state")
-        if lost:
-            self.stop("pose lost")
+        if self.poses.oldest_s(now_s) > LONGEST_UNSEEN_S:
+            self.stop(POSE_LOST)
         if tilt is None:
             return
         _, x, y, _ = tilt.tolist()

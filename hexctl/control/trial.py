@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext, suppress
+from typing import Protocol, runtime_checkable
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import Tick, realtime_priority
@@ -49,6 +50,18 @@ STOP_REQUESTED = "a function without arguments that says whether to stop"
 
 #: Called every `LOOK_TICKS` with the trace so far; True or a reason ends the walk as `cut_short`.
 ShouldStop = Callable[[Trace], bool | str]
+
+
+@runtime_checkable
+class EndCheck(Protocol):
+    """A `should_stop` that also judges walks that have come to their end."""
+
+    def __call__(self, trace: Trace) -> bool | str:
+        """As any `should_stop`."""
+
+    def at_end(self, trace: Trace) -> str | None:
+        """Reason for which a walk that has come to its end is `cut_short`, or None."""
+
 
 #: Called with the path so far, (T, 2); True ends the walk.
 Enough = Callable[[FloatArray], bool]
@@ -102,7 +115,7 @@ def run_trial(
             a function of step and state that returns 18 joint angles. Its `done` may end the walk.
         recorders: take the ticks in blocks; failures are warnings, or are kept by `Recorders`.
         stop_requested: called before and at every tick; True ends the trial as `aborted`.
-        should_stop: called every `LOOK_TICKS` of the walk.
+        should_stop: called every `LOOK_TICKS` of the walk; an `EndCheck` at its end, too.
         soft_stop: False omits the stop after the walk, which is never scored.
 
     Raises, before anything moves, WrongTypeError for an argument of another type, InputError for a robot
@@ -238,7 +251,7 @@ class _Trial(TickObserver):
         if self.status == "aborted" and why is not None:
             self.stopped, self.by_policy = why, True
         elif self.status == "aborted" and not self.requested:
-            self.status = "ok"  # the controller itself has ended the walk
+            self._complete()  # the controller itself has ended the walk
         if soft_stop:
             self._stop_softly(walk, step + 1)
 
@@ -255,7 +268,7 @@ class _Trial(TickObserver):
         def over(step: int, _state: RobotState) -> bool:
             nonlocal looks
             if step >= last:
-                self.status = "ok"
+                self._complete()
             elif self.should_stop is not None and (step + 1) // LOOK_TICKS > looks:
                 looks = (step + 1) // LOOK_TICKS
                 answer = self.should_stop(self.trace)
@@ -265,6 +278,12 @@ class _Trial(TickObserver):
             return self.status != "aborted" or self.requested
 
         return over
+
+    def _complete(self) -> None:
+        """End the walk as `ok`, unless a check of its end has a reason against it."""
+        ends = self.should_stop if isinstance(self.should_stop, EndCheck) else None
+        self.stopped = None if ends is None else ends.at_end(self.trace)
+        self.status = "ok" if self.stopped is None else "cut_short"
 
     def _stop_softly(self, walk: Controller, step: int) -> None:
         """Stop the robot softly from a step on; errors no longer change the result."""

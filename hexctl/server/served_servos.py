@@ -40,6 +40,10 @@ class ServedServos(ServosWrapper):
         """Orientation (4,) by which falls are judged: the robot's own, else the external one, or None."""
         return state.base_quaternion_world if self.own_orientation is None else self.own_orientation
 
+    def has_simulated_pose(self) -> bool:
+        """Whether the pose is that of a simulation, and not an external one."""
+        return self.posed_at_s is None and self.simulation is not None
+
     def set_pose(
         self,
         position_world: FloatArray | None,

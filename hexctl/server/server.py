@@ -77,7 +77,9 @@ class RobotServer:
             clear: command that ends a stop, for the events.
         """
         self._servos = ServedServos(servos)
-        self._guard = Guard(self._servos, tilt_of=self._servos.tilt_of)
+        self._guard = Guard(
+            self._servos, tilt_of=self._servos.tilt_of, trusts_position=self._servos.has_simulated_pose
+        )
         self._time = self._guard.clock.time
         self._link = link
         self._simulated = None if simulated is None else dict(simulated)

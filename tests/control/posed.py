@@ -34,7 +34,7 @@ class PosedMock(MockServos):
         self.quaternion_world: FloatArray | None = np.array([1.0, 0.0, 0.0, 0.0])
         self.joints_rad: FloatArray | None = None
         self.temperatures_c: FloatArray | None = None
-        self.age_s, self.healthy = 0.0, True
+        self.age_s, self.healthy, self.frozen = 0.0, True, False
         self.fault: str | None = None
         self._broken: Exception | None = None
 
@@ -50,13 +50,18 @@ class PosedMock(MockServos):
             echo.joint_positions_rad if self.joints_rad is None else self.joints_rad,
             echo.stamp_s,
             measured=True,
-            base_position_world=self.position_world,
-            base_quaternion_world=self.quaternion_world,
+            base_position_world=self._noisy(self.position_world),
+            base_quaternion_world=self._noisy(self.quaternion_world),
             age_s=self.age_s,
             healthy=self.healthy,
             fault=self.fault,
             servos=servos,
         )
+
+    def _noisy(self, value: FloatArray | None) -> FloatArray | None:
+        """A value with the noise of a sensor, or without it if it is frozen."""
+        noise = 0.0 if self.frozen else 1e-12 * (self.clock.index % 1000)
+        return None if value is None else value + noise
 
     def write(self, targets: JointTargets) -> JointTargets:
         self._use_link()

@@ -119,10 +119,15 @@ class Bench:
 
     def pose_from_outside(self, position: Any, quaternion: Any, *, for_s: float = 0.02) -> None:
         """Let a motion capture send a pose before each tick."""
-        item: Any = Item(encode_pose(position, quaternion), None)
         for _ in range(round(for_s / 0.02)):
-            self.server._handle(Arrival("pose", item, self.servos.time.now_s))
+            self.send_pose(position, quaternion)
             self.ticks(1)
+
+    def send_pose(self, position: Any, quaternion: Any, *, late_s: float = 0.0) -> None:
+        """Let a motion capture send a pose, whose clock is another one."""
+        stamp_ns = round((self.servos.time.now_s + 1e6 - late_s) * 1e9)
+        item: Any = Item(encode_pose(position, quaternion, stamp_ns=stamp_ns), None)
+        self.server._handle(Arrival("pose", item, self.servos.time.now_s))
 
     @property
     def stopped(self) -> str | None:

@@ -306,7 +306,7 @@ def test_the_own_orientation_goes_out_beside_a_pose_from_outside(bench: Bench) -
     bench.pose_from_outside(HERE, UPRIGHT, for_s=0.1)
     said = [payload for kind, payload, _ in bench.said if kind == "imu"]
     assert len(said) == 5
-    assert decode_orientation(said[-1]) == pytest.approx(own)
+    assert decode_orientation(said[-1]) == pytest.approx(own, abs=1e-9)
     _, outside = decode_pose([payload for kind, payload, _ in bench.said if kind == "odom"][-1])
     assert outside == pytest.approx(UPRIGHT)
     bench.servos.quaternion_world = None

@@ -234,6 +234,7 @@ class Sensors:
     Attributes:
         torques: a leg that fails changes it.
         offsets_rad: calibration errors of the joints, (18,).
+        posed: whether a pose is measured: not of a trunk on a stand, which does not follow the legs.
         age_s: of a state when it is read.
         steps_after: steps of the physics between the measurement and the end of a tick.
         late: delayed states, the oldest first, which is read; None without delay.
@@ -245,6 +246,7 @@ class Sensors:
     noise: Noise
     faulty_pose: FaultyPose
     pose_loss: Losses
+    posed: bool = True
     age_s: float = 0.0
     steps_after: int = 0
     late: deque[Snapshot] | None = None
@@ -263,7 +265,8 @@ class Sensors:
         """Sensors of a robot in a world; seed and trial number determine noise and losses."""
         noise = Noise(world.sensor_noise, seed, trial)
         pose_loss = Losses(world.lost_poses, LOST_POSES, seed, trial)
-        sensors = cls(memory, torques, offsets_rad, noise, FaultyPose(world.sensor_faults), pose_loss)
+        faulty_pose, posed = FaultyPose(world.sensor_faults), not world.on_stand
+        sensors = cls(memory, torques, offsets_rad, noise, faulty_pose, pose_loss, posed)
         if world.latency_steps:
             sensors.age_s = world.latency_steps * world.time_step_s
             whole_ticks, sensors.steps_after = divmod(world.latency_steps, world.steps_per_tick)
@@ -304,7 +307,7 @@ class Sensors:
             quaternion = noise.turned(quaternion)
         if not self.faulty_pose.none:
             position, quaternion = self.faulty_pose.seen(position, quaternion, stamp_s)
-        posed = not self.pose_loss.lost
+        posed = self.posed and not self.pose_loss.lost
         return RobotState(
             joints,
             stamp_s,
