@@ -1,12 +1,15 @@
 """Pictures of a camera and the robot's own motion become one pose: where the robot is now."""
 
 import math
+import zlib
+from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from hexctl.ik.leg_odometer import LegOdometer
+from hexctl.ik.standing_position import LegsPath, StandingPosition
 from hexctl.robot.model import Robot
 from hexctl.types import ArrayFields, FloatArray
 from hexctl.vision.detection.camera import Camera
@@ -22,6 +25,12 @@ from hexctl.vision.robot_link import LegState
 #: but the camera may also have been turned.
 NEAR_M = 0.05
 
+#: Motion by the legs that every new picture of the robot shows.
+MOVED_M, TURNED_RAD = 0.01, math.radians(3.0)
+
+#: Pictures that are recognized if they come again: half a minute.
+MOST_PICTURES = 1000
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation(ArrayFields):
@@ -30,12 +39,30 @@ class Observation(ArrayFields):
     Attributes:
         robot: sighting of the robot, or None.
         believed: whether the filter accepted the sighting.
+        stands: whether the picture has come before, or shows a robot that stands, although its legs walked.
         change: detected change of camera or tags, or None.
     """
 
     robot: SeenRobot | None
     believed: bool
     change: CameraChange | None
+    stands: bool = False
+
+
+class RepeatedPictures:
+    """Recognizes pictures that have come before: cameras have noise, so that something repeats them."""
+
+    def __init__(self) -> None:
+        self._came: OrderedDict[int, tuple[complex, float]] = OrderedDict()
+
+    def repeats(self, gray: Picture, legs: LegsPath) -> bool:
+        """Whether a picture has come before the legs brought the body to where it is."""
+        number = zlib.crc32(np.ascontiguousarray(gray))
+        position_m, turned_rad = self._came.setdefault(number, (legs.position_m, legs.turned_rad))
+        if len(self._came) > MOST_PICTURES:
+            self._came.popitem(last=False)
+        turned = abs(legs.turned_rad - turned_rad) > TURNED_RAD
+        return turned or abs(legs.position_m - position_m) > MOVED_M
 
 
 class Observer:
@@ -64,6 +91,7 @@ class Observer:
         self._tracker = RobotTracker(tag, finder)
         self._filter = PoseFilter()
         self._odometer = LegOdometer(robot)
+        self._legs, self._standing, self._pictures = LegsPath(), StandingPosition(), RepeatedPictures()
         self._up_body = LEVEL
         self._newest: PoseEstimate | None = None
 
@@ -74,13 +102,21 @@ class Observer:
             return
         self.height_m, self._up_body = step.height_m, step.up_body
         if step.motion is not None:
+            self._legs.move(step.motion)
             self._filter.move(step.from_s, step.to_s, step.motion, state.yaw_rad)
 
     def look(self, gray: Picture, came_s: float) -> Observation:
         """Look at a picture that came at a time."""
+        if self._pictures.repeats(gray, self._legs):
+            return Observation(None, False, None, stands=True)
         change = self.watch.look(gray)
         expected = None if self._newest is None else self._newest.pose
         robot = self._tracker.find(gray, self.watch.camera, self.height_m, expected, self._up_body)
+        if robot is not None and self._standing.stands(
+            robot.pose_floor.x_m, robot.pose_floor.y_m, self._legs
+        ):
+            self._filter.forget()
+            return Observation(robot, False, change, stands=True)
         believed = robot is not None and self._may_be_believed(robot)
         if robot is not None and believed:
             taken_s, pose = came_s - self.latency_s, robot.pose_floor

@@ -132,7 +132,7 @@ class PoseFilter:
         """The pose at a time, no earlier than the last one asked for; to be asked at a steady rate."""
         age_s = now_s - self._believed_s
         if self._base is not None and age_s > LOST_AFTER_S:
-            self._forget()
+            self.forget()
         if self._base is None:
             return PoseEstimate(
                 at_s=now_s, sight="lost", pose=None, covariance=None, age_s=age_s, restarts=self.restarts
@@ -228,7 +228,7 @@ class PoseFilter:
     def _slip(self) -> PoseBelief | None:
         return self._newest() if self._base is not None else self._slip_of
 
-    def _forget(self) -> None:
+    def forget(self) -> None:
         """Believe in no pose any more; the slip stays."""
         self._slip_of = self._slip()
         self._base, self._fused = None, []
