@@ -127,7 +127,7 @@ LOST_TICKS = LOOK_TICKS
 
 
 class Geofence(EndCheck):
-    """Ends a walk that would stop outside, or loses its position; the `should_stop` of `run_trial` and others.
+    """Ends a walk that would stop outside, or loses its position; a `should_stop` of `run_trial`.
 
     A position that repeats itself is not measured anew: sensors have noise, and the robot walks.
     """
@@ -173,4 +173,5 @@ def _measured_anew(positions_world: FloatArray) -> IntArray:
     if not len(known):
         return known
     shown = positions_world[known]
-    return known[np.concatenate([[True], (shown[1:] != shown[:-1]).any(axis=-1)])]
+    changed = np.concatenate([[True], (shown[1:] != shown[:-1]).any(axis=-1)])
+    return np.asarray(known[changed])

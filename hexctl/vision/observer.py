@@ -57,7 +57,7 @@ class RepeatedPictures:
 
     def repeats(self, gray: Picture, legs: LegsPath) -> bool:
         """Whether a picture has come before the legs brought the body to where it is."""
-        number = zlib.crc32(np.ascontiguousarray(gray))
+        number = zlib.crc32(np.ascontiguousarray(gray).data)
         position_m, turned_rad = self._came.setdefault(number, (legs.position_m, legs.turned_rad))
         if len(self._came) > MOST_PICTURES:
             self._came.popitem(last=False)

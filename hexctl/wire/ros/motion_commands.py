@@ -61,7 +61,8 @@ RosCommand = WantedVelocity | BodyPose | WantedJoints | Called
 def decode_velocity(kind: str, payload: bytes) -> FloatArray:
     """Velocity in the body's frame, (3,): forward and left in m/s, turn in rad/s.
 
-    The frame of a TwistStamped is ignored, because REP 105 has velocities in `base_link`. `kind` is `TWIST` or `TWIST_STAMPED`. Raises MessageError for anything else.
+    The frame of a TwistStamped is ignored, because REP 105 has velocities in `base_link`. `kind` is `TWIST`
+    or `TWIST_STAMPED`. Raises MessageError for anything else.
     """
     message = ros_cdr.decode(kind, payload)
     twist = message.twist if kind == TWIST_STAMPED else message
