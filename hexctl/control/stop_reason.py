@@ -4,7 +4,7 @@
 MEANINGS = {
     "state": "what the robot measures came too late or was not a number",
     "expired": "no command came in time",
-    "pose lost": "its position or orientation, known before, stayed away",
+    "pose lost": "its position or orientation, known before, stayed away or repeated itself",
     "fell": "its body leant too far",
     "estop": "a stop was asked for",
     "hot": "a servo is too hot",

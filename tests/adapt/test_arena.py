@@ -167,6 +167,28 @@ def test_a_fence_around_the_start_says_why_a_walk_ends(start_m: float, to_m: flo
     assert Geofence(1.0)(walked(start_m, to_m)) == why
 
 
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize(("missing", "why"), [(40, False), (60, "no position")])
+def test_a_walk_without_a_new_position_for_a_second_ends_and_is_not_complete(
+    known: bool, missing: int, why: bool | str
+) -> None:
+    """A position that repeats itself is as good as none."""
+    trace = walked(0.0, 0.1)
+    for _ in range(missing):
+        here = np.array([0.1, 0.0, 0.1]) if known else None
+        trace.add(0.0, RobotState(ROBOT.stance_angles_rad, 0.0, True, base_position_world=here))
+    assert Geofence(1.0)(trace) == why
+    assert Geofence(1.0).at_end(trace) == (why or None)
+
+
+def test_a_robot_that_may_have_left_its_fence_since_it_was_seen_is_stopped() -> None:
+    trace = walked(0.0, 0.4, ticks=51)
+    assert Geofence(1.4)(trace) is False
+    for _ in range(45):
+        trace.add(0.0, RobotState(ROBOT.stance_angles_rad, 0.0, True))
+    assert Geofence(1.4)(trace) == "arena"
+
+
 def test_a_fence_around_a_place_lets_a_robot_return_to_it() -> None:
     place = Arena(home_m=(0.0, 0.0), radius_m=1.0)
     assert Geofence(place)(walked(3.0, 2.5)) is False

@@ -9,8 +9,10 @@ from hypothesis import strategies as st
 
 from hexctl import EStopError, Guard, InputError, JointTargets, LegServos, RobotFaultError, SimServos
 from hexctl.backends.mock import MockServos
+from hexctl.control.controllers import Walk
 from hexctl.control.guard import POSE_EXPIRY_S, StepLimits, leaning
 from hexctl.errors import CommandRefusedError
+from hexctl.gait.gait import Motion, make_gait
 from hexctl.robot.rotations import quaternion_about
 from hexctl.testing.servo_conformance import LegServosConformance, move
 from hexctl.types import FloatArray
@@ -300,6 +302,58 @@ def test_half_a_pose_that_is_gone_is_a_pose_lost_and_an_inertial_sensor_alone_te
     servos.quaternion_world = None
     read_for(guard, POSE_EXPIRY_S + 0.1)
     assert guard.stopped == "pose lost"
+
+
+def swing(guard: Guard, duration_s: float, legs: int = 6) -> None:
+    """Read, and let so many legs swing, for a duration."""
+    for tick in range(round(duration_s / 0.02)):
+        guard.clock.tick()
+        guard.read()
+        if guard.stopped is None:
+            send(guard, STANCE + 0.2 * math.sin(0.2 * tick) * (np.arange(18) < 3 * legs))
+
+
+@pytest.mark.parametrize("part", ["position_world", "quaternion_world"])
+def test_a_pose_that_repeats_itself_is_lost_while_the_legs_move(part: str) -> None:
+    guard, servos = connected()
+    setattr(servos, part, None)
+    swing(guard, 2 * POSE_EXPIRY_S)
+    assert guard.stopped is None
+    servos.frozen = True
+    swing(guard, POSE_EXPIRY_S - 0.1)
+    for _ in range(1000):  # a robot that stands repeats its pose
+        guard.clock.tick()
+        guard.read()
+        send(guard, STANCE)
+    assert guard.stopped is None
+    swing(guard, 0.3)
+    assert guard.stopped == "pose lost"
+
+
+@pytest.mark.parametrize(("legs", "stopped"), [(2, None), (3, "state"), (6, "state")])
+def test_angles_that_repeat_while_three_legs_move_are_no_state(legs: int, stopped: str | None) -> None:
+    guard, servos = connected()
+    swing(guard, 1.0, legs)
+    servos.joints_rad = STANCE
+    swing(guard, 0.4, legs)
+    assert guard.stopped is None
+    swing(guard, 0.4, legs)
+    assert guard.stopped == stopped
+
+
+@pytest.mark.parametrize(("share", "known"), [(0.0, False), (0.2, True), (1.0, True)])
+def test_a_position_that_stands_while_the_legs_walk_is_none(share: float, known: bool) -> None:
+    guard, servos = connected()
+    walk = Walk(ANT, make_gait(ANT, "tripod"), Motion(), period_s=0.02)
+    for step in range(400):  # 8 s, about 1 m
+        guard.clock.tick()
+        noise_m = 0.002 * math.sin(1.7 * step)
+        servos.position_world = np.array([share * 0.13 * 0.02 * step + noise_m, 0.0, 0.1])
+        state = guard.read()
+        send(guard, walk.targets_rad(step, state))
+    assert (state.base_position_world is not None) is known
+    servos.position_world = np.array([1.04 * share + 0.1, 0.0, 0.1])
+    assert guard.peek().base_position_world is not None
 
 
 @pytest.mark.parametrize("known_before", [False, True])

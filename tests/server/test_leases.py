@@ -1,5 +1,6 @@
 """One controller at a time, and which of its commands a robot accepts."""
 
+import struct
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +17,8 @@ from hexctl.server.leases import (
     LeaseManager,
     LeaseRefusedError,
 )
-from hexctl.wire.transit_delay import TransitDelay
+from hexctl.wire.ros_cdr import stamp_s
+from hexctl.wire.transit_delay import StampCheck, TransitDelay
 from hexctl.wire.zenoh_messages import CommandTag, encode_positions
 
 
@@ -110,6 +112,26 @@ def test_a_sender_that_was_started_again_has_another_clock() -> None:
     transit.delay_s(5000.0, 70.0)
     assert transit.delay_s(3.0, 75.0) == 0.0
     assert transit.delay_s(3.02, 75.03) == pytest.approx(0.01, abs=1e-3)
+
+
+def test_a_late_stamp_is_late_by_the_clock_of_its_sender_until_that_is_renewed() -> None:
+    check = StampCheck(renewed_s=5.0)
+    assert all(check.admits(1000.0 + at_s, at_s) for at_s in np.arange(0.0, 3.0, 0.1).tolist())
+    assert check.admits(None, 3.0)
+    assert check.admits(1002.6, 3.0)
+    for late_s in (0.6, 10.0, 3600.0):
+        assert not check.admits(1003.0 - late_s, 3.0)
+        assert check.admits(1003.0 - late_s, 3.0, sender=str(late_s).encode())
+    assert check.late == 3
+    assert not check.admits(7.5, 7.9)
+    assert check.admits(13.0, 13.0), "nothing came for five seconds"
+
+
+def test_stamps_are_read_in_either_byte_order_and_zero_is_none() -> None:
+    assert stamp_s(encode_positions(np.zeros(18), 1_500_000_000)) == 1.5
+    assert stamp_s(b"\0\0\0\0" + struct.pack(">iI", 1, 500_000_000)) == 1.5
+    assert stamp_s(encode_positions(np.zeros(18), 0)) is None
+    assert stamp_s(b"\0\1\0\0\1") is None
 
 
 PAYLOAD = encode_positions(np.zeros(18))

@@ -283,6 +283,18 @@ def test_a_pose_from_outside_that_stops_coming_is_lost_whatever_the_robot_knows_
     assert bench.stopped == "pose lost"
 
 
+@pytest.mark.parametrize("late_s", [0.6, 3600.0])
+def test_a_pose_from_outside_that_comes_late_is_not_used_and_is_counted(bench: Bench, late_s: float) -> None:
+    bench.pose_from_outside(HERE, UPRIGHT, for_s=1.0)
+    for _ in range(20):
+        bench.send_pose(HERE, UPRIGHT, late_s=late_s)
+        bench.ticks(1)
+    status = bench.server.status()
+    assert (status["pose"], status["late_poses"]) == (False, 20)
+    bench.pose_from_outside(HERE, UPRIGHT)
+    assert bench.server.status()["pose"]
+
+
 def test_an_own_orientation_that_stays_away_is_lost_although_a_position_comes_from_outside(
     bench: Bench,
 ) -> None:

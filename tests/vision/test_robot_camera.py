@@ -320,6 +320,24 @@ def test_a_second_tag_with_the_same_number_draws_no_robot_away(filmed: Filmed) -
     assert published[-1].restarts == 0
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [False, True])
+def test_pictures_that_stand_still_while_the_legs_walk_show_no_robot(filmed: Filmed, noise: bool) -> None:
+    """A camera that hangs repeats its picture, and something may add noise to it."""
+    kept, chance = list[Picture](), np.random.default_rng(0)
+
+    def hung(picture: Picture, at_s: float, _pose: PlanarPose) -> Picture:
+        if at_s < 0.9:
+            return picture
+        kept.append(picture)
+        grain = chance.integers(0, 3 if noise else 1, picture.shape, dtype=np.uint8)
+        return np.asarray(cv2.add(kept[0], grain), dtype=np.uint8)
+
+    sights = [one.sight for one in followed(filmed, hung)]
+    assert sights[15:50] == ["seeing"] * 35
+    assert sights[-1] == "lost"
+
+
 KNOCKED = Camera.looking(HERE.lens, np.array([-1.55, 0.08, 1.6]), np.array([0.03, 0.05, 0.0]))
 
 

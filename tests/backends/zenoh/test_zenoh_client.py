@@ -25,6 +25,7 @@ from hexctl.robot.loader import load_robot
 from hexctl.server.leases import LEASE_S, LeaseManager
 from hexctl.testing.servo_conformance import LegServosConformance
 from hexctl.wire.links import KeyMap, Link, Role
+from hexctl.wire.pose import encode_pose
 from hexctl.wire.zenoh_messages import decode_positions, encode_positions
 from hexctl.wire.zenoh_session import open_session
 from tests.backends.bus.boards import a_map, bus_board
@@ -270,6 +271,25 @@ def test_states_of_before_the_lease_are_not_waited_for() -> None:
             states.wait_for_first_s()
     latest.put("joint_states", state(6))
     assert states.wait_for_first_s() == states.heard_at_s
+
+
+@pytest.mark.parametrize("plain", [False, True])
+def test_a_state_is_as_old_as_its_stamp_and_a_late_pose_is_none(plain: bool) -> None:
+    time = FakeTime()
+    latest = LatestValues(time)
+    states = StateSubscriber(KeyMap.of("ant"), latest, plain=plain)
+    for late_s, age_s, posed in ((0.0, 0.0, True), (0.3, 0.3, True), (0.7, 0.7, False)):
+        time.sleep(1.0)
+        stamp_ns = round(1e9 * (time.now_s - late_s + 50))
+        tag = None if plain else replace(PLAIN_TAG, stamp_ns=stamp_ns).packed()
+        for kind, payload in (
+            ("joint_states", encode_positions(np.zeros(18), stamp_ns)),
+            ("odom", encode_pose(np.zeros(3), None, stamp_ns=stamp_ns)),
+        ):
+            latest.put(kind, SimpleNamespace(payload=payload, attachment=tag))
+        state = states.newest(time.now_s)
+        assert state.age_s == pytest.approx(age_s, abs=0.01)
+        assert (state.base_position_world is not None) is posed
 
 
 def test_of_several_robots_a_viewer_sees_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
