@@ -122,14 +122,14 @@ LEFT_THE_ARENA, NO_POSITION = "arena", "no position"
 #: and the stop may be requested one check later.
 LOOKS_AHEAD = 2.0
 
-#: A position that is not measured anew for longer is lost, in ticks.
+#: Without a new position for longer it is lost, in ticks.
 LOST_TICKS = LOOK_TICKS
 
 
 class Geofence(EndCheck):
     """Ends a walk that would stop outside, or loses its position; a `should_stop` of `run_trial`.
 
-    A position that repeats itself is not measured anew: sensors have noise, and the robot walks.
+    A position that repeats itself is no new one: sensors have noise, and the robot walks.
     """
 
     def __init__(self, arena: Arena | float, also: ShouldStop | None = None) -> None:
@@ -141,7 +141,7 @@ class Geofence(EndCheck):
     def __call__(self, trace: Trace) -> bool | str:
         """Reason to end the walk, or the answer of `also`."""
         rows, arena = trace.positions_world, self._placed(trace)
-        measured = _measured_anew(rows)
+        measured = _new_positions(rows)
         if arena is None or not len(measured) or len(rows) - 1 - measured[-1] > LOST_TICKS:
             return NO_POSITION
         last = measured[-1]
@@ -154,7 +154,7 @@ class Geofence(EndCheck):
 
     def at_end(self, trace: Trace) -> str | None:
         """Why a walk that has come to its end was not within the fence for certain, or None."""
-        measured = _measured_anew(trace.positions_world)
+        measured = _new_positions(trace.positions_world)
         lost = not len(measured) or len(trace) - 1 - measured[-1] > LOST_TICKS
         return NO_POSITION if lost or self._placed(trace) is None else None
 
@@ -167,7 +167,7 @@ class Geofence(EndCheck):
         return self._arena
 
 
-def _measured_anew(positions_world: FloatArray) -> IntArray:
+def _new_positions(positions_world: FloatArray) -> IntArray:
     """Ticks in which a position (T, 3) is known and differs from the one before."""
     known = np.flatnonzero(np.isfinite(positions_world).all(axis=-1))
     if not len(known):

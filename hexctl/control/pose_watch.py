@@ -17,7 +17,7 @@ REPEATED_S, MOVED_RAD, LEAST_LEGS = 0.5, 0.05, 3
 class PoseAges:
     """How long ago each part of a pose was last measured.
 
-    A value that keeps every bit is measured anew only if the legs rest: sensors have noise, and a simulated
+    A value that keeps every bit is a measurement only if the legs rest: sensors have noise, and a simulated
     robot without noise moves with its legs.
     """
 

@@ -175,6 +175,7 @@ def test_it_tells_of_the_first_jump_of_several_and_for_a_while() -> None:
 
 def test_behind_the_guard_a_jump_is_no_position_and_does_not_stop() -> None:
     guard, servos = connected()
+    servos.frozen = True
     read_for(guard, 0.1)
     servos.position_world = at(3e38)
     read_for(guard, 0.1)

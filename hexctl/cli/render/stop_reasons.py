@@ -10,7 +10,7 @@ from hexctl.wire.zenoh_messages import SERVER_ENDED
 HINTS = {
     "state": "the robot's state did not come in time: the link, or the program that serves it, was silent",
     "expired": "commands did not reach the robot in time; a busy computer, or a bad link",
-    "pose lost": "the robot's position or orientation stayed away, or repeated itself",
+    "pose lost": "the robot no longer reports its position, or repeats it",
     "arena": "the walk was ended before it left the circle of --arena",
     "no position": "--arena needs a robot with a known position, and its sensor may hang",
     "estop": "{} when it may move again",
