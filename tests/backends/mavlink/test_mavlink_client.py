@@ -77,8 +77,8 @@ def orientation(*components: float) -> Any:
     return common.MAVLink_attitude_quaternion_message(0, *components, 0, 0, 0)
 
 
-def position(x: float, y: float, z: float) -> Any:
-    return common.MAVLink_local_position_ned_message(0, x, y, z, 0, 0, 0)
+def position(x: float, y: float, z: float, at_ms: int = 0) -> Any:
+    return common.MAVLink_local_position_ned_message(at_ms, x, y, z, 0, 0, 0)
 
 
 def odometry(frame: int) -> Any:
@@ -162,6 +162,17 @@ def test_a_pose_comes_from_ned_and_is_none_while_nothing_sensible_comes(
         assert later.base_position_world is None
         assert later.base_quaternion_world is None
         assert later.healthy
+
+
+def test_a_position_with_an_old_stamp_is_not_used_unless_the_board_has_started_again(tmp_path: Path) -> None:
+    with ScriptedBoard() as board, servos_at(board, tmp_path) as servos:
+        for late_s, known in ((0.0, True), (0.3, True), (0.9, False), (0.0, True), (900.0, True)):
+            board.port.time.sleep(1.0)
+            for _ in range(3):
+                board.say(position(1, 2, 3, round(1000 * (board.port.time.now_s - late_s))))
+                board.port.time.sleep(0.02)
+            assert (next_state(servos).base_position_world is not None) is known, late_s
+        assert servos.counters.late == 3
 
 
 @pytest.mark.parametrize("pulse", [nan, inf, -inf, 0.0, -1500.0, 1e30])
