@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -15,6 +16,10 @@ from hexctl.types import JOINTS_PER_LEG, N_LEGS, FloatArray
 AXIS_TOLERANCE_RAD = math.radians(3.0)
 #: Distance below which two points of a foot are one.
 FOOT_TOLERANCE_M = 0.01
+#: Tolerance of differences between legs, as a share of the leg.
+LEG_TOLERANCE = 0.025
+#: Most hinges of a leg: the choice of three grows with the cube of their number.
+MOST_HINGES = 12
 
 Chain = tuple[TreeJoint, ...]
 
@@ -49,11 +54,32 @@ def with_three_hinges(tree: LinkTree) -> tuple[LinkTree, dict[str, float]]:
 def _long_chains(tree: LinkTree) -> list[Chain]:
     """Six chains of the same number of hinges, more than three, or none."""
     chains = _chains(tree)
-    for count in sorted({len(chain) for chain in chains}):
-        long = [chain for chain in chains if len(chain) == count]
-        if count > JOINTS_PER_LEG and len(long) == N_LEGS:
+    for count in range(JOINTS_PER_LEG + 1, MOST_HINGES + 1):
+        long = _six_alike(tree, [chain for chain in chains if len(chain) == count])
+        if len(long) == N_LEGS:
             return long
     return []
+
+
+def _six_alike(tree: LinkTree, chains: list[Chain]) -> list[Chain]:
+    """The six chains of equal lengths among more: others are arms; all chains if there are no such six."""
+    lengths_m = np.array([_lengths_m(tree, chain) for chain in chains])
+    for columns in (slice(-1), slice(None)) if len(chains) > N_LEGS else ():
+        for one in lengths_m[:, columns]:
+            off_m = np.abs(lengths_m[:, columns] - one).max(axis=1)
+            alike = [chain for chain, off in zip(chains, off_m, strict=True) if off <= LEG_TOLERANCE * one.sum()]
+            if len(alike) == N_LEGS:
+                return alike
+    return chains
+
+
+def _lengths_m(tree: LinkTree, chain: Chain) -> list[float]:
+    """Distances between successive hinges of a chain, and from the last one to its end."""
+    places = [tree.frame_in_root(joint.child)[:3, 3] for joint in chain]
+    return [
+        *(float(np.linalg.norm(end - start)) for start, end in pairwise(places)),
+        _lever_m(tree, chain[-1], chain[-1]),
+    ]
 
 
 def _least_index(tree: LinkTree, chains: Sequence[Chain]) -> int:
@@ -77,16 +103,14 @@ def _least_index(tree: LinkTree, chains: Sequence[Chain]) -> int:
 
 def _can_be_a_leg(tree: LinkTree, chain: Chain) -> bool:
     """Whether three of the hinges, in this order, are those of a leg."""
-    if len(chain) == JOINTS_PER_LEG:
-        return _turns_as_a_leg(tree, chain)
-    return any(_can_be_a_leg(tree, chain[:index] + chain[index + 1 :]) for index in range(len(chain)))
+    return any(_turns_as_a_leg(tree, three) for three in combinations(chain, JOINTS_PER_LEG))
 
 
 def _lever_m(tree: LinkTree, joint: TreeJoint, last: TreeJoint) -> float:
     """Distance from the axis of a hinge of what lies farthest along its leg."""
     at = np.asarray(np.linalg.inv(tree.frame_in_root(joint.child)), dtype=float)
-    tips_m = [point for name in tree.carried(last.child) for point in _points(tree, at, name)]
-    return max(float(np.linalg.norm(np.cross(point, joint.axis))) for point in tips_m)
+    tips_m = np.vstack([_points(tree, at, name) for name in tree.carried(last.child)])
+    return float(np.linalg.norm(np.cross(tips_m, joint.axis), axis=-1).max())
 
 
 def _angle_rad(tree: LinkTree, joint: TreeJoint) -> float:
@@ -138,8 +162,10 @@ def leg_chains(tree: LinkTree) -> list[Chain]:
             "other hinges `fixed` in the description"
         )
     if len(legs) != N_LEGS:
+        names = ", ".join(f"{chain[0].name} to {chain[-1].name}" for chain in legs[: 2 * N_LEGS])
         raise InputError(
-            f"robot description: got {len(legs)} chains of {JOINTS_PER_LEG} hinges; allowed: {N_LEGS} legs"
+            f"robot description: got {len(legs)} chains of {JOINTS_PER_LEG} hinges ({names or 'none'}); allowed: "
+            f"{N_LEGS} legs; make the hinges of arms and heads `fixed` in the description"
         )
     if len({chain[0].name for chain in legs}) != N_LEGS:
         raise InputError(
@@ -159,9 +185,11 @@ def _check_independent(chains: Sequence[Chain]) -> None:
 
 
 def _three_hinges(tree: LinkTree) -> list[Chain]:
-    """Chains of three hinges; if there are more than six, those that turn as legs do."""
+    """Chains of three hinges; of more than six, those that turn as legs do, and of these the six alike."""
     legs = [chain for chain in _chains(tree) if len(chain) == JOINTS_PER_LEG]
-    return legs if len(legs) <= N_LEGS else [chain for chain in legs if _turns_as_a_leg(tree, chain)]
+    if len(legs) > N_LEGS:
+        legs = _six_alike(tree, [chain for chain in legs if _turns_as_a_leg(tree, chain)])
+    return legs
 
 
 def _chains(tree: LinkTree) -> list[Chain]:
@@ -185,11 +213,11 @@ def _without_idle_ends(tree: LinkTree, chain: tuple[TreeJoint, ...]) -> tuple[Tr
     return chain
 
 
-def _points(tree: LinkTree, at: FloatArray, link: str) -> list[FloatArray]:
-    """Origin of a link and ends of its solids in another frame, in m."""
+def _points(tree: LinkTree, at: FloatArray, link: str) -> FloatArray:
+    """Origin of a link and ends of its solids in another frame, (N, 3) in m."""
     frame = at @ tree.frame_in_root(link)
     solids = tree.links[link].solids
-    return [frame[:3, 3], *(end for solid in solids for end in placed_points(solid.ends, frame))]
+    return np.vstack([frame[:3, 3], *(placed_points(solid.ends, frame) for solid in solids)])
 
 
 def _turns_as_a_leg(tree: LinkTree, chain: Chain) -> bool:

@@ -119,8 +119,8 @@ class LegImport:
         return masses, coms, tensors
 
     def _parts(self, leg: TreeLeg, index: int) -> list[str]:
-        last = index == len(leg.joints) - 1
-        return list(leg.tips) if last else self._tree.rigid(leg.joints[index].child)
+        """Links of a part: what its hinge carries, but for what the next one does."""
+        return self._tree.carried(*(joint.child for joint in leg.joints[index : index + 2]))
 
     def _leg_frame(self, leg: TreeLeg, joint: TreeJoint) -> FloatArray:
         """Transform from the root to outward, left and up of a leg, from a joint, (4, 4)."""

@@ -178,6 +178,7 @@ class LinkTree:
 
     Attributes:
         stance_rad: angles of hinges, by name, in which the file lets it stand.
+        left_out_kg: masses in the file that are no part of the robot, by name.
         numbers: further values by name, those that `hexctl.robot.formats.mjcf` writes.
     """
 
@@ -187,6 +188,7 @@ class LinkTree:
     joints: dict[str, TreeJoint]
     children: dict[str, list[str]] = field(default_factory=dict)
     stance_rad: dict[str, float] = field(default_factory=dict)
+    left_out_kg: dict[str, float] = field(default_factory=dict)
     numbers: dict[str, tuple[float, ...]] = field(default_factory=dict)
 
     def frame_in_root(self, link: str) -> FloatArray:
@@ -212,15 +214,15 @@ class LinkTree:
 
     def rigid(self, link: str) -> list[str]:
         """A link and all links fixed to it."""
-        found = [link]
-        for child in self.children.get(link, ()):
-            if not self.joints[child].hinge and not self.joints[child].loose:
-                found += self.rigid(child)
-        return found
+        return self.carried(link, *(one.child for one in self.joints.values() if one.hinge or one.loose))
 
-    def carried(self, link: str) -> list[str]:
-        """A link and all links beyond it."""
-        return [link, *(name for child in self.children.get(link, ()) for name in self.carried(child))]
+    def carried(self, link: str, *without: str) -> list[str]:
+        """A link and all links beyond it, but for the branches that begin at others."""
+        found, waiting, left_out = [], [link], frozenset(without)
+        while waiting:
+            found.append(waiting.pop())
+            waiting += [one for one in reversed(self.children.get(found[-1], ())) if one not in left_out]
+        return found
 
     def unread_meshes(self, links: list[str]) -> tuple[str, ...]:
         """Unread meshes of links."""

@@ -47,6 +47,9 @@ USUAL_PACE_HZ, USUAL_STRIDE, USUAL_STEP = 0.5, 0.45, 0.15
 #: Legs that span so many times more from side to side than ahead hint at another front.
 ALONG_Y = 1.3
 
+#: Difference of the robot's mass from the file's that rounding explains, as a share.
+SAME_MASS = 1e-4
+
 #: Minimum distances of the feet outward and below the coxa axes in a stance, as a share of the legs.
 LEAST_FOOT = 0.08
 
@@ -234,6 +237,8 @@ class _Import:
                 f"the mounts span {width_m:.2g} m from side to side and {length_m:.2g} m ahead: if the robot "
                 "looks along its longer side, give its front with --forward"
             )
+        self._trunk = tree.carried(tree.root, *(leg.joints[0].child for leg in legs))
+        self._note_other_hinges()
         self._mount_up_m = float(mounts_m[:, 2].mean() - self._origin_m[2])
         self.stances = self._stances()
 
@@ -242,6 +247,7 @@ class _Import:
         servo = self._parts.servo(self._joints)
         body = body_section(
             self._tree,
+            self._trunk,
             self._facing,
             self._box,
             self._origin_m,
@@ -280,8 +286,30 @@ class _Import:
         self._drop_plain_coms(made.content, Path(source))
         self._add_inertias(made.robot())
         made = raw.with_gait(self.stances[0], *gait)
-        robot_of_content(made.content, Path(source))
+        self._note_masses(robot_of_content(made.content, Path(source)).mass_kg)
         return replace(made, reasons=self._findings.reasons, remarks=tuple(self._findings.notes))
+
+    def _note_other_hinges(self) -> None:
+        """Name the hinges of heads and arms: they stay at zero, and their masses are the trunk's."""
+        hinges = [joint.name for joint in map(self._tree.joints.get, self._trunk) if joint and joint.hinge]
+        if hinges:
+            self._findings.notes.append(
+                f"hexctl does not move {', '.join(hinges)}: keep them at zero; what they carry belongs to the "
+                "trunk"
+            )
+
+    def _note_masses(self, mass_kg: float) -> None:
+        """Name the difference of the robot's mass from the sum of all masses in the file."""
+        left_out = self._tree.left_out_kg
+        file_kg = sum(link.mass_kg or 0.0 for link in self._tree.links.values()) + sum(left_out.values())
+        if abs(mass_kg - file_kg) <= SAME_MASS * file_kg:
+            return
+        why = [f"{name}, {kg:.4g} kg, was left out" for name, kg in left_out.items()]
+        why += [f"{key} was assumed" for key in self._findings.reasons if key.endswith("mass_kg")]
+        self._findings.notes.append(
+            f"the masses in the file add up to {file_kg:.4g} kg, those of the robot to {mass_kg:.4g} kg: "
+            f"{', '.join(why)}"
+        )
 
     def _drop_plain_coms(self, content: dict[str, Any], source: Path) -> None:
         """Leave out centres of mass equal to those of evenly filled capsules."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from hexctl.errors import InputError, argument
 from hexctl.robot.formats.importing.import_values import rounded
-from hexctl.robot.formats.importing.leg_chains import FOOT_TOLERANCE_M, axis_problem, leg_chains
+from hexctl.robot.formats.importing.leg_chains import FOOT_TOLERANCE_M, LEG_TOLERANCE, axis_problem, leg_chains
 from hexctl.robot.formats.importing.link_tree import LinkTree, TreeJoint
 from hexctl.robot.rotations import placed_points
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, ArrayFields, FloatArray
@@ -18,8 +18,6 @@ from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, ArrayFields, FloatArray
 SHORTEST_COXA_M = 0.005
 #: Distance of a foot from the plane of its leg: ignored up to this share of the leg, projected up to that.
 PLANE_TOLERANCE, MOST_FOOT_OFFSET_M = 0.025, 0.06
-#: Tolerance of differences between legs, as a share of the leg.
-LEG_TOLERANCE = 0.025
 #: A frame or the centre of a sphere this near to the far end of the tibia is the foot, as a share of it.
 FOOT_TOLERANCE_SHARE = 0.08
 #: Lengths of a tibia as shares of coxa and femur together; shorter and longer ones are no tibiae.

@@ -1,6 +1,7 @@
 """The trunk of a robot description: its box, its place, its mass and its moments of inertia."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -103,6 +104,7 @@ def body_origin(box: TrunkBox, mounts_m: FloatArray) -> FloatArray:
 
 def body_section(
     tree: LinkTree,
+    parts: Sequence[str],
     facing: FloatArray,
     box: TrunkBox,
     origin_m: FloatArray,
@@ -111,14 +113,14 @@ def body_section(
     least_kg: float,
     usual: UsualMasses,
 ) -> dict[str, Any]:
-    """The section `body` of a robot file: the trunk is all that no leg carries.
+    """The section `body` of a robot file: the trunk is all that no leg carries, `parts`.
 
     A mass below the least one, or implausible for the box, is replaced by the usual one.
     """
     size_m = [rounded(side) for side in box.size_m]
     if box.guess:
         findings.reasons["body.size_m"] = box.guess
-    links = [tree.links[name] for name in tree.rigid(tree.root)]
+    links = [tree.links[name] for name in parts]
     joined = joined_mass(links, [facing @ tree.frame_in_root(link.name) for link in links])
     mass_kg = joined.mass_kg
     body: dict[str, Any] = {"shape": box.shape, "size_m": size_m, "mass_kg": rounded(mass_kg)}
