@@ -121,8 +121,14 @@ def import_robot(
         ),
     ] = None,
     forward: Annotated[
-        Forward, choice("--forward", Forward, "Axis of the root along which the robot looks: x, y, -x or -y.")
-    ] = "x",
+        Forward | None,
+        choice(
+            "--forward",
+            Forward,
+            "Axis of the root along which the robot looks: x, y, -x or -y. (default: by the names of its legs, "
+            "else x)",
+        ),
+    ] = None,
 ) -> None:
     """Make a robot file of a URDF or MJCF with six legs of three hinges."""
     from hexctl.control.assessment.default_gait import walkable

@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from hexctl.errors import InputError
+from hexctl.robot.plausibility import TORQUES_NM, inertia_problem
 from hexctl.types import JOINT_KINDS, N_LEGS, FloatArray
 
 # Used for missing or implausible numbers, and listed as unknown: a typical robot of this kind, with legs of
@@ -21,21 +21,14 @@ USUAL_RADIUS_M, USUAL_FOOT_M, USUAL_HEIGHT_M = 0.010, 0.008, 0.05
 NM_PER_KG_M = 2 * 9.81 / 3 / 2
 #: A torque that carries less than this share of a usual robot is doubted: the lightest shipped one has 0.54.
 LEAST_CARRIED = 0.5
-#: Torques and speeds of servos, from the smallest hobby servo to the largest actuator of a leg.
-TORQUES_NM, SPEEDS_DEG_S = (0.03, 60.0), (math.degrees(0.2), math.degrees(60.0))
-#: A lighter part of a usual robot is a placeholder, as is one of more than this density.
-LEAST_MASS_KG, MOST_KG_M3 = 0.001, 4000.0
+#: Speeds of servos, from the smallest hobby servo to the largest actuator of a leg.
+SPEEDS_DEG_S = (math.degrees(0.2), math.degrees(60.0))
+#: A lighter part of a usual robot is a placeholder.
+LEAST_MASS_KG = 0.001
 #: Minimum density of a trunk's box; a lighter one is a placeholder. The lightest shipped robot has 165.
 LEAST_TRUNK_KG_M3 = 20.0
-#: Added to each side before the density counts: servos stick out of links.
-MARGIN_M = 0.05
 #: A wider range is that of a motor, and a narrower one of no joint of a leg.
 RANGES_DEG = (5.0, 340.0)
-#: A file with longer legs, or heavier parts, counts in other units.
-MOST_LEG_M, MOST_MASS_KG = 10.0, 1000.0
-#: Radius of gyration as shares of a part's length: less and more is no body of that size.
-GYRATION_SHARES = (0.02, 1.0)
-
 
 @dataclass(frozen=True, slots=True)
 class Findings:
@@ -69,15 +62,6 @@ def rounded(value: float) -> float:
     return float(f"{float(value):.9g}") + 0.0 if abs(value) > 1e-12 else 0.0
 
 
-def check_units(what: str, value: float, most: float, unit: str) -> None:
-    """Raise InputError for legs or parts so large that the file seems to have other units."""
-    if value > most:
-        raise InputError(
-            f"robot description: got {what} of {value:.4g} {unit}; allowed: up to {most:g} {unit}; if the "
-            "file counts in mm, cm or grams, convert it to metres and kilograms"
-        )
-
-
 def least_mass_kg(leg_m: float) -> float:
     """Mass below which a part is a placeholder."""
     return LEAST_MASS_KG * min(1.0, leg_m / USUAL_LEG_M) ** 3
@@ -108,25 +92,24 @@ class UsualMasses:
 
     def reason(self, got_kg: float, part: str) -> str:
         """Reason of a replaced mass."""
-        assumed = f"{self.parts_kg[part]:g} kg, for its {self.basis}, were assumed"
-        return f"got {got_kg:g} kg, which is a placeholder; {assumed}"
+        got = f"got {got_kg:g} kg, which is a placeholder" if got_kg > 0 else "it is missing"
+        return f"{got}; {self.parts_kg[part]:g} kg, for its {self.basis}, were assumed"
 
 
-def too_dense(mass_kg: float, size_m: list[float]) -> bool:
-    """Whether a part is heavier than any robot's of its size."""
-    return mass_kg > MOST_KG_M3 * float(np.prod(np.array(size_m) + MARGIN_M))
-
-
-def possible_tensor(tensor: FloatArray, mass_kg: float, length_m: float) -> tuple[FloatArray, str]:
+def possible_tensor(
+    tensor: FloatArray, even: Sequence[float], bounds: tuple[float, float]
+) -> tuple[FloatArray, str]:
     """A tensor of inertia, (3, 3), and a problem with it or an empty text.
 
     Of a flat part, whose largest principal moment is the sum of the others, it is reduced by a millionth.
+
+    Args:
+        even: moments about three axes of the evenly filled part.
+        bounds: of the sum of the moments, as multiples of these.
     """
     moments, axes = np.linalg.eigh(tensor)
-    share = math.sqrt(max(moments[2], 0.0) / mass_kg) / length_m
-    if not GYRATION_SHARES[0] <= share <= GYRATION_SHARES[1]:
-        text = ", ".join(f"{moment:.3g}" for moment in np.diag(tensor))
-        return tensor, f"got moments of inertia of {text}, which no part of {length_m:.2g} m has"
+    if problem := inertia_problem(moments, even, bounds):
+        return tensor, problem
     others = moments[0] + moments[1]
     if moments[0] <= 0 or moments[2] > 1.001 * others:
         return tensor, "got moments of inertia that no body has"

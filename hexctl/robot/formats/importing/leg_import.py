@@ -7,13 +7,9 @@ import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.robot.formats.importing.import_values import (
-    MARGIN_M,
-    MOST_KG_M3,
-    MOST_MASS_KG,
     NM_PER_KG_M,
     RANGES_DEG,
     SPEEDS_DEG_S,
-    TORQUES_NM,
     USUAL_FOOT_M,
     USUAL_LEG_M,
     USUAL_RADIUS_M,
@@ -22,7 +18,6 @@ from hexctl.robot.formats.importing.import_values import (
     USUAL_TORQUE_NM,
     Findings,
     UsualMasses,
-    check_units,
     least_mass_kg,
     possible_tensor,
     rounded,
@@ -30,6 +25,7 @@ from hexctl.robot.formats.importing.import_values import (
 from hexctl.robot.formats.importing.link_tree import LinkTree, TreeJoint, joined_mass
 from hexctl.robot.formats.importing.tree_legs import TreeLeg
 from hexctl.robot.formats.mjcf import GEAR_KEY, LOAD_KEY, PLAY_KEY, SPEED_KEY
+from hexctl.robot.plausibility import LINK_INERTIAS, MOST_RANGE_DEG, TORQUES_NM, too_dense
 from hexctl.robot.rotations import about_z, matrix_of, quaternion_about
 from hexctl.types import JOINT_KINDS, FloatArray
 
@@ -41,8 +37,6 @@ USUAL_ERROR_RAD = 0.085
 
 _NOT_HELD = "descriptions do not hold it"
 
-#: A wider range, more than two turns, is in other units.
-MOST_RANGE_DEG = 720.0
 _UNITS = "; descriptions count in radians: are these degrees?"
 
 #: A foot sphere is at most this large.
@@ -70,6 +64,14 @@ class LegImport:
             self._findings.reasons["links.tibia.end_m"] = guess
         return {kind: self._link(index) for index, kind in enumerate(JOINT_KINDS)}
 
+    def dense_parts(self) -> dict[str, tuple[float, tuple[float, float, float]]]:
+        """Mean mass in the file, and length without width and height, of coxa, femur and tibia."""
+        lengths_m = np.linalg.norm(self.vectors_m, axis=-1)
+        return {
+            kind: (float(self._masses(index)[0].mean()), (float(lengths_m[index]), 0.0, 0.0))
+            for index, kind in enumerate(JOINT_KINDS)
+        }
+
     def joints(self) -> dict[str, dict[str, Any]]:
         """The section `joints`."""
         joints = {kind: self._joint(index) for index, kind in enumerate(JOINT_KINDS)}
@@ -84,15 +86,15 @@ class LegImport:
     def _link(self, index: int) -> dict[str, Any]:
         kind, end_m = JOINT_KINDS[index], self.vectors_m[index]
         length_m = float(np.linalg.norm(end_m))
-        masses_kg, coms_m, _ = self._masses(index)
+        masses_kg, coms_m, _, missing = self._masses(index)
         mass_kg, key = float(masses_kg.mean()), f"links.{kind}.mass_kg"
-        heavy = masses_kg.max() > MOST_KG_M3 * (length_m + MARGIN_M) * MARGIN_M**2
         if masses_kg.min() < self.least_mass_kg:
             mass_kg = self.usual_masses.parts_kg[kind]
             self._findings.reasons[key] = self.usual_masses.reason(masses_kg.min(), kind)
-        elif heavy:
-            check_units(f"a {kind}", mass_kg, MOST_MASS_KG, "kg")
+        elif too_dense(masses_kg.max(), (length_m, 0.0, 0.0)):
             self._findings.reasons[key] = f"got {masses_kg.max():g} kg, denser than links are; it is kept"
+        elif missing:
+            self._findings.reasons[key] = f"{missing}; {mass_kg:g} kg of the rest were taken"
         link: dict[str, Any] = {"end_m": [rounded(part) for part in end_m], "mass_kg": rounded(mass_kg)}
         link["radius_m"] = self._radius_m(index, length_m)
         com_m = coms_m.mean(axis=0)[[0, 2]]
@@ -101,22 +103,23 @@ class LegImport:
             link["com_m"] = [rounded(part) for part in com_m]
         return link
 
-    def _masses(self, index: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Mass, centre of mass from the joint, and tensor about it, of a link and everything fixed to it.
+    def _masses(self, index: int) -> tuple[FloatArray, FloatArray, FloatArray, str]:
+        """Mass, centre of mass from the joint, and tensor about it, of a link and everything that it carries.
 
         Shapes (6,), (6, 3) and (6, 3, 3), the latter two along outward, left and up of each leg at angle
-        zero; a tensor is NaN if a heavy part has none.
+        zero; a tensor is NaN if a heavy part has none. Last, why the masses are not complete.
         """
-        tree, found = self._tree, []
+        tree, found, missing = self._tree, [], ""
         for leg in self._legs:
             links = [tree.links[name] for name in self._parts(leg, index)]
             axes = self._leg_frame(leg, leg.joints[index])
             joined = joined_mass(links, [axes @ tree.frame_in_root(link.name) for link in links])
+            missing = missing or joined.missing
             turn = self._plane_turn(leg, index)
             tensor = np.full((3, 3), np.nan) if joined.bare else joined.inertia_kg_m2
             found.append((joined.mass_kg, turn @ joined.com_m, turn @ tensor @ turn.T))
         masses, coms, tensors = (np.array(part) for part in zip(*found, strict=True))
-        return masses, coms, tensors
+        return masses, coms, tensors, missing
 
     def _parts(self, leg: TreeLeg, index: int) -> list[str]:
         """Links of a part: what its hinge carries, but for what the next one does."""
@@ -137,7 +140,7 @@ class LegImport:
     def inertia(self, index: int, even: tuple[float, ...]) -> list[float] | None:
         """Moments and product (outward, left, up, outward-up) of a link, or None for those of its capsule."""
         key, mass_key = (f"links.{JOINT_KINDS[index]}.{name}" for name in ("inertia_kg_m2", "mass_kg"))
-        masses_kg, coms_m, tensors = self._masses(index)
+        _, _, tensors, _ = self._masses(index)
         if mass_key in self._findings.reasons:
             return None
         tensor = tensors.mean(axis=0)
@@ -147,8 +150,7 @@ class LegImport:
         if np.allclose(_moments(tensor), even, rtol=1e-5, atol=1e-6 * sum(even[:3])):
             return None
         tensor[[0, 1, 1, 2], [1, 0, 2, 1]] = 0.0
-        reach_m = float(np.linalg.norm(coms_m.mean(axis=0))) + float(np.linalg.norm(self.vectors_m[index]))
-        tensor, problem = possible_tensor(tensor, float(masses_kg.mean()), reach_m)
+        tensor, problem = possible_tensor(tensor, even[:3], LINK_INERTIAS)
         if problem:
             self._findings.reasons[key] = f"{problem}; that of an evenly filled capsule was assumed"
             return None

@@ -85,6 +85,7 @@ class TreeLink:
         com_m: centre of mass in the frame of the link.
         inertia_kg_m2: about the centre of mass, along the axes of the link, (3, 3), or None if missing.
         unread_meshes: files, each with the reason.
+        unweighed: those of them whose masses are not known, because the file gives none.
     """
 
     name: str
@@ -93,6 +94,7 @@ class TreeLink:
     inertia_kg_m2: FloatArray | None = None
     solids: tuple[Solid, ...] = ()
     unread_meshes: tuple[str, ...] = ()
+    unweighed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,13 +102,19 @@ class JoinedMass:
     """Links fixed to one another, as one body, along the axes of a common frame.
 
     The tensor is about the centre of mass, which is the origin if nothing has a mass. Heavy links without
-    moments of inertia, `bare`, count as points.
+    moments of inertia, `bare`, count as points. Meshes of an unknown mass, `unweighed`, do not count.
     """
 
     mass_kg: float
     com_m: FloatArray
     inertia_kg_m2: FloatArray
     bare: tuple[str, ...]
+    unweighed: tuple[str, ...] = ()
+
+    @property
+    def missing(self) -> str:
+        """Why the mass is not complete, or an empty text."""
+        return f"it lacks that of {', '.join(self.unweighed)}" if self.unweighed else ""
 
 
 def joined_mass(links: Sequence[TreeLink], frames: Sequence[FloatArray]) -> JoinedMass:
@@ -124,7 +132,8 @@ def joined_mass(links: Sequence[TreeLink], frames: Sequence[FloatArray]) -> Join
         for link, kg in zip(links, masses_kg, strict=True)
         if kg > LIGHT_SHARE * mass_kg and link.inertia_kg_m2 is None
     ]
-    return JoinedMass(mass_kg, com_m, tensor, tuple(bare))
+    unweighed = dict.fromkeys(mesh for link in links for mesh in link.unweighed)
+    return JoinedMass(mass_kg, com_m, tensor, tuple(bare), tuple(unweighed))
 
 
 @dataclass(frozen=True, eq=False)

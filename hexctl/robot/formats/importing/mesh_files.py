@@ -3,19 +3,31 @@
 The axis that points up in COLLADA (`up_axis`) does not count, because RViz and Gazebo ignore it.
 """
 
+import io
 import math
+import re
+import unicodedata
 from collections.abc import Callable, Iterator
-from pathlib import Path
+from dataclasses import dataclass, field
+from itertools import starmap
+from pathlib import Path, PurePosixPath
+from urllib.parse import unquote
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from hexctl.files import is_file, read_file
+from hexctl.files import is_file, is_folder, read_file
 from hexctl.robot.formats.importing.link_tree import MOST_BYTES
 from hexctl.robot.formats.xml_text import parse_xml
 from hexctl.robot.meshes import STL_HEAD, STL_TRIANGLE
 from hexctl.robot.rotations import frame_of, placed_points, quaternion_about
 from hexctl.types import FloatArray
+
+#: Maximum size of all meshes of a description; text counts more, because it takes longer.
+MOST_BYTES_OF_ALL, TEXT_WEIGHT = 120_000_000, 3
+
+#: A package as launch files and xacro name it.
+FIND = re.compile(r"^\$\((?:find|find-pkg-share) ([^)]*)\)")
 
 #: Maximum number of visited nodes of a scene; nodes may be instanced many times.
 MOST_NODES = 10_000
@@ -25,41 +37,95 @@ class UnreadMeshError(ValueError):
     """Why a mesh was not read."""
 
 
-def mesh_points(name: str, description: Path) -> FloatArray:
-    """Corners of the triangles of a mesh, (N, 3), unscaled; raises UnreadMeshError.
+@dataclass(frozen=True, slots=True)
+class MeshReader:
+    """Reads the meshes that a description names, each file once, up to a total size.
 
-    Its name is that in the description; a package is sought in and next to the folders above it.
+    Attributes:
+        description: its path; meshes are sought from its folder, packages in and next to the folders above.
     """
-    file = next((place for place in _places(name, description) if is_file(place)), None)
-    if file is None:
-        raise UnreadMeshError("not found")
-    kind = file.suffix.lower()
-    if kind not in READERS:
-        raise UnreadMeshError(f"a {kind or 'nameless'} file is not read, only {', '.join(READERS)}")
-    try:
-        content = read_file(file, MOST_BYTES)
-    except (OSError, ValueError) as error:
-        raise UnreadMeshError(str(error)) from error
-    try:
-        points = READERS[kind](content)
-    except ValueError as error:
-        raise UnreadMeshError("is not a complete mesh") from error
-    if not len(points) or not np.isfinite(points).all():
-        raise UnreadMeshError("is not a complete mesh")
-    return points
+
+    description: Path
+    _read: dict[Path, FloatArray] = field(default_factory=dict)
+    _sizes: list[int] = field(default_factory=list)
+
+    def points(self, name: str) -> FloatArray:
+        """Distinct corners of the triangles of a mesh, (N, 3), unscaled; raises UnreadMeshError."""
+        file = find_mesh(name, self.description.parent, *self.description.resolve().parents[:4])
+        if file is None:
+            raise UnreadMeshError("not found")
+        if file not in self._read:
+            self._read[file] = self._points(file)
+        return self._read[file]
+
+    def _points(self, file: Path) -> FloatArray:
+        kind = file.suffix.lower()
+        if kind not in READERS:
+            raise UnreadMeshError(f"a {kind or 'nameless'} file is not read, only {', '.join(READERS)}")
+        try:
+            content = read_file(file, MOST_BYTES)
+        except (OSError, ValueError) as error:
+            raise UnreadMeshError(str(error)) from error
+        self._sizes.append(len(content) * (1 if b"\0" in content[:STL_HEAD] else TEXT_WEIGHT))
+        if sum(self._sizes) > MOST_BYTES_OF_ALL:
+            raise UnreadMeshError(f"the meshes before it have {MOST_BYTES_OF_ALL / 1e6:g} MB")
+        try:
+            points = READERS[kind](content)
+        except ValueError as error:
+            raise UnreadMeshError("is not a complete mesh") from error
+        if not len(points) or not np.isfinite(points).all():
+            raise UnreadMeshError("is not a complete mesh")
+        return _distinct(points)
 
 
-def _places(name: str, description: Path) -> Iterator[Path]:
-    name = name.removeprefix("file://").replace("\\", "/")
-    folders = (description.parent, *description.resolve().parents[:4])
+def _distinct(points: FloatArray) -> FloatArray:
+    """Points without those within a 65000th of the extent of another one."""
+    low, spans = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-300)
+    cells = ((points - low) / spans * 0xFFFF).astype(np.int64)
+    _, first = np.unique(cells @ np.array([1, 1 << 16, 1 << 32]), return_index=True)
+    return np.asarray(points[np.sort(first)])
+
+
+def find_mesh(name: str, *folders: Path) -> Path | None:
+    """File of a mesh named in a description, sought from folders; in another case only if there is none else.
+
+    Names may be URLs, with `%20` for a space, and are written with / or \\.
+    """
+    name = FIND.sub(r"package://\1", name.removeprefix("file://").replace("\\", "/"))
+    spellings = dict.fromkeys((name, unquote(name)))
+    places = [(folder, place) for one in spellings for folder in folders for place in _places(one)]
+    exact = (folder / place for folder, place in places if is_file(folder / place))
+    return next(exact, None) or next(filter(None, starmap(_in_any_case, places)), None)
+
+
+def _places(name: str) -> Iterator[str]:
     if "://" not in name:
-        yield from (folder / name for folder in folders)
+        yield name
         return
     package, _, inside = name.partition("://")[2].partition("/")
-    for folder in folders:
-        yield folder / inside
-        yield folder / package / inside
-        yield folder / "src" / package / inside
+    yield from (inside, f"{package}/{inside}", f"src/{package}/{inside}")
+
+
+def _in_any_case(folder: Path, place: str) -> Path | None:
+    """The file at a place in a folder whose name differs at most in case or in the form of its accents."""
+    at = folder
+    for part in PurePosixPath(place).parts:
+        found = at / part
+        if not is_file(found) and not is_folder(found):
+            found = next((one for one in _content(at) if _folded(one.name) == _folded(part)), found)
+        at = found
+    return at if is_file(at) else None
+
+
+def _content(folder: Path) -> list[Path]:
+    try:
+        return sorted(folder.iterdir())
+    except (OSError, ValueError):
+        return []
+
+
+def _folded(name: str) -> str:
+    return unicodedata.normalize("NFC", name).casefold()
 
 
 def _stl(content: bytes) -> FloatArray:
@@ -76,9 +142,11 @@ def _obj(content: bytes) -> FloatArray:
 
 def _rows(content: bytes, word: bytes) -> FloatArray:
     """The three numbers after a word in each line of a text that begins with it."""
-    lines = (line.split() for line in content.splitlines())
-    points = [[float(part) for part in line[1:4]] for line in lines if line and line[0].lower() == word]
-    return np.array(points, dtype=float).reshape(-1, 3)
+    lines = (line for line in io.BytesIO(content) if line.lstrip()[: len(word)].lower() == word)
+    rows = [line for line in lines if line.split(maxsplit=1)[0].lower() == word]
+    if not rows:
+        return np.zeros((0, 3))
+    return np.loadtxt(rows, usecols=(1, 2, 3), comments=None, ndmin=2, encoding="latin-1")
 
 
 def collada_points(content: bytes) -> FloatArray:

@@ -2,17 +2,15 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from itertools import count
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
-from hexctl.errors import InputError, MissingExtraError
-from hexctl.files import is_file, read_file
-from hexctl.robot.formats.importing.import_values import LEAST_MASS_KG
+from hexctl.mujoco_import import mujoco
 from hexctl.robot.formats.importing.link_tree import (
-    MOST_BYTES,
     MOST_LINKS,
     LinkTree,
     Solid,
@@ -20,6 +18,7 @@ from hexctl.robot.formats.importing.link_tree import (
     TreeLink,
     tree_of,
 )
+from hexctl.robot.formats.importing.mesh_files import find_mesh
 from hexctl.robot.formats.mjcf import GEAR_KEY
 from hexctl.robot.rotations import frame_of, matrix_of
 from hexctl.robot.schema import USUAL_GEAR_DAMPING_NM_S_PER_RAD
@@ -28,30 +27,34 @@ from hexctl.types import N_JOINTS, FloatArray
 #: Keyframes in which a robot stands; else the first one counts.
 STANCES = ("stance", "stand", "home")
 
+#: Mass of a body without any, and radius of a ball in place of an unread mesh.
+NO_MASS_KG, NO_SIZE_M = 1e-9, 1e-4
 
-def read_mjcf(path: Path) -> LinkTree:
-    """Tree of an MJCF file; raises InputError for no valid MJCF, MissingExtraError without MuJoCo."""
+#: Maximum size of all meshes, the smallest first: MuJoCo takes thirty times as much memory.
+MOST_MESH_BYTES = 8_000_000
+
+
+def compiled_tree(path: Path) -> LinkTree:
+    """Tree of an MJCF file, compiled in this process without any limit.
+
+    Raises OSError or ValueError for no valid MJCF.
+    """
     try:
-        from hexctl.mujoco_import import mujoco
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("importing an MJCF", "sim") from error
-    try:
-        read_file(path, MOST_BYTES)
         spec = mujoco.MjSpec.from_file(str(path))
         _name_bodies(spec.bodies)
-        unread = _without_missing_files(spec, path.parent)
+        _without_surroundings(spec)
+        unread = _with_found_meshes(spec, path)
         model = spec.compile()
-        if model.nbody > MOST_LINKS:
-            raise ValueError(f"got {model.nbody} bodies; allowed: a robot of up to {MOST_LINKS}")
-        if spec.compiler.degree and _seem_radians(model):
-            raise ValueError(
-                "most hinges turn by less than 6.3 deg: if their ranges are radians, the file needs "
-                '<compiler angle="radian"/>'
-            )
-        return _Reader(model, unread).tree(spec.modelname)
-    except (OSError, ValueError, mujoco.FatalError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{path}: {reason}; allowed: a valid MJCF") from error
+    except (mujoco.FatalError, RuntimeError) as error:
+        raise ValueError(str(error)) from error
+    if model.nbody > MOST_LINKS:
+        raise ValueError(f"got {model.nbody} bodies; allowed: a robot of up to {MOST_LINKS}")
+    if spec.compiler.degree and _seem_radians(model):
+        raise ValueError(
+            "most hinges turn by less than 6.3 deg: if their ranges are radians, the file needs "
+            '<compiler angle="radian"/>'
+        )
+    return _Reader(model, unread).tree(spec.modelname)
 
 
 def _name_bodies(bodies: Sequence[Any]) -> None:
@@ -62,30 +65,56 @@ def _name_bodies(bodies: Sequence[Any]) -> None:
         body.name = body.name or next(free)
 
 
-def _without_missing_files(spec: Any, folder: Path) -> dict[str, list[str]]:
-    """Remove looks, height fields and meshes whose files are missing; return the meshes by body.
-
-    Sensors and contact pairs, which may name a removed solid, are not needed.
-    """
+def _without_surroundings(spec: Any) -> None:
+    """Remove looks, height fields, sensors and contacts, and the hulls that only contacts need."""
     for one in (*spec.geoms, *spec.sites, *spec.tendons):
         one.material = ""
+    for geom in spec.geoms:
+        geom.contype = geom.conaffinity = 0
+    spec.compiler.discardvisual = False
     reliefs = [geom for geom in spec.geoms if geom.hfieldname]
     looks = (*spec.skins, *spec.materials, *spec.textures)
     for one in (*spec.sensors, *spec.pairs, *reliefs, *spec.hfields, *looks):
         spec.delete(one)
-    missing = {
-        mesh.name: mesh for mesh in spec.meshes if mesh.file and not _is_there(spec, folder, mesh.file)
-    }
-    unread: dict[str, list[str]] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class _Unread:
+    """Unread meshes by body: all, those whose masses are not known, and bodies with guessed inertia."""
+
+    meshes: dict[str, list[str]] = field(default_factory=dict)
+    unweighed: dict[str, list[str]] = field(default_factory=dict)
+    uneven: set[str] = field(default_factory=set)
+
+
+def _with_found_meshes(spec: Any, path: Path) -> _Unread:
+    """Put balls of no size, with the masses in the file, in place of unread meshes."""
+    unread, bytes_of_all = _Unread(), 0
+    found = {one.name: (one, _mesh_file(spec, path, one.file)) for one in spec.meshes if one.file}
+    missing = {name: mesh for name, (mesh, file) in found.items() if file is None}
+    reasons = {name: f"{mesh.file} (not found)" for name, mesh in missing.items()}
+    for mesh, file in sorted(found.values(), key=lambda one: one[1].stat().st_size if one[1] else 0):
+        if file is None:
+            continue
+        bytes_of_all += file.stat().st_size
+        if bytes_of_all > MOST_MESH_BYTES:
+            reasons[mesh.name] = f"{mesh.file} (with it, meshes have more than {MOST_MESH_BYTES / 1e6:g} MB)"
+        mesh.file = str(file)
     for geom in list(spec.geoms):
-        if geom.meshname in missing:
-            file = missing[geom.meshname].file
-            unread.setdefault(geom.parent.name, []).append(f"{file} (not found)")
-            spec.delete(geom)
-    for mesh in missing.values():
-        spec.delete(mesh)
-    if missing:  # without a mesh a body may have no mass, and MuJoCo compiles none of these
-        spec.compiler.boundmass, spec.compiler.boundinertia = LEAST_MASS_KG * 1e-6, LEAST_MASS_KG * 1e-9
+        if geom.meshname not in reasons:
+            continue
+        body, reason = geom.parent, reasons[geom.meshname]
+        unread.meshes.setdefault(body.name, []).append(reason)
+        if spec.compiler.inertiafromgeom == 1 or not body.explicitinertial:
+            unread.uneven.add(body.name)
+            if not math.isfinite(geom.mass):
+                unread.unweighed.setdefault(body.name, []).append(reason)
+        geom.type, geom.meshname, geom.size = mujoco.mjtGeom.mjGEOM_SPHERE, "", [NO_SIZE_M, 0, 0]
+        geom.fitscale, geom.mass = 1.0, geom.mass if math.isfinite(geom.mass) else 0.0
+    for name in reasons:
+        spec.delete(found[name][0])
+    if reasons:  # without a mesh a body may have no mass, and MuJoCo compiles none of these
+        spec.compiler.boundmass, spec.compiler.boundinertia = NO_MASS_KG, NO_MASS_KG * 1e-3
     return unread
 
 
@@ -96,16 +125,17 @@ def _seem_radians(model: Any) -> bool:
     return bool(narrow.sum() > limited.sum() / 2)
 
 
-def _is_there(spec: Any, folder: Path, file: str) -> bool:
-    return any(
-        is_file(folder / part / file) for part in ("", spec.meshdir or "", spec.compiler.meshdir or "")
-    )
+def _mesh_file(spec: Any, path: Path, name: str) -> Path | None:
+    """File of a mesh by its name in the file: MuJoCo seeks it in the folders that `compiler` names."""
+    name = PurePosixPath(name.replace("\\", "/")).name if spec.strippath else name
+    own = [path.parent / folder for folder in (spec.meshdir or "", spec.compiler.meshdir or "", "")]
+    return find_mesh(name, *dict.fromkeys(own))
 
 
 class _Reader:
     """Makes links of bodies; a body with several joints becomes a chain of links, the last one its own."""
 
-    def __init__(self, model: Any, unread: dict[str, list[str]]) -> None:
+    def __init__(self, model: Any, unread: _Unread) -> None:
         self._model, self._unread = model, unread
         self._links: list[TreeLink] = []
         self._joints: list[TreeJoint] = []
@@ -171,15 +201,17 @@ class _Reader:
     def _link(self, body: int) -> TreeLink:
         model = self._model
         _, shift_m = self._made[body]
-        turn = matrix_of(model.body_iquat[body])
+        name, turn = self._name(body), matrix_of(model.body_iquat[body])
+        tensor, mass_kg = turn @ np.diag(model.body_inertia[body]) @ turn.T, float(model.body_mass[body])
         solids = (self._solid(int(geom), shift_m) for geom in np.flatnonzero(model.geom_bodyid == body))
         return TreeLink(
-            name=self._name(body),
-            mass_kg=float(model.body_mass[body]),
+            name=name,
+            mass_kg=mass_kg if mass_kg > 2 * NO_MASS_KG else None,
             com_m=np.array(model.body_ipos[body]) - shift_m,
-            inertia_kg_m2=turn @ np.diag(model.body_inertia[body]) @ turn.T,
+            inertia_kg_m2=None if name in self._unread.uneven else tensor,
             solids=tuple(solid for solid in solids if solid is not None),
-            unread_meshes=tuple(self._unread.get(self._name(body), ())),
+            unread_meshes=tuple(self._unread.meshes.get(name, ())),
+            unweighed=tuple(self._unread.unweighed.get(name, ())),
         )
 
     def _solid(self, geom: int, shift_m: FloatArray) -> Solid | None:
@@ -187,6 +219,8 @@ class _Reader:
         frame = frame_of(model.geom_pos[geom] - shift_m, model.geom_quat[geom])
         first, second, third = (float(size) for size in model.geom_size[geom])
         kind = int(model.geom_type[geom])
+        if first == NO_SIZE_M:
+            return None
         if kind == 7:
             mesh = model.geom_dataid[geom]
             start = model.mesh_vertadr[mesh]

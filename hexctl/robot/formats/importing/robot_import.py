@@ -11,7 +11,7 @@ import numpy as np
 
 from hexctl.errors import InputError, argument, printable
 from hexctl.files import read_file
-from hexctl.robot.formats.importing.import_values import MOST_LEG_M, Findings, check_units, rounded
+from hexctl.robot.formats.importing.import_values import Findings, least_mass_kg, rounded
 from hexctl.robot.formats.importing.leg_chains import (
     AXIS_TOLERANCE_RAD,
     held_text,
@@ -19,8 +19,9 @@ from hexctl.robot.formats.importing.leg_chains import (
     with_three_hinges,
 )
 from hexctl.robot.formats.importing.leg_import import LegImport
-from hexctl.robot.formats.importing.link_tree import MOST_BYTES, LinkTree
-from hexctl.robot.formats.importing.mjcf_tree import read_mjcf
+from hexctl.robot.formats.importing.leg_names import FORWARD, forward_by_names
+from hexctl.robot.formats.importing.link_tree import MOST_BYTES, LinkTree, joined_mass
+from hexctl.robot.formats.importing.mjcf_process import read_mjcf
 from hexctl.robot.formats.importing.tree_legs import (
     FootProjection,
     TreeLeg,
@@ -34,12 +35,10 @@ from hexctl.robot.formats.link_masses import link_mass
 from hexctl.robot.formats.mjcf import GAIT_KEY, SIZE_KEY
 from hexctl.robot.loader import robot_of_content
 from hexctl.robot.model import Robot, Vector2, leg_reach_m, stance_angles
+from hexctl.robot.plausibility import mass_problem
 from hexctl.robot.schema import NAME
 from hexctl.robot.yaml_text import yaml_lines
-from hexctl.types import JOINT_KINDS, FloatArray
-
-#: The robot's front in the frame of the root, and its axis there.
-FORWARD = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "-x": (-1.0, 0.0, 0.0), "-y": (0.0, -1.0, 0.0)}
+from hexctl.types import JOINT_KINDS, N_LEGS, FloatArray
 
 #: Default pace, and stride and step height as shares of the feet's distance from the coxae.
 USUAL_PACE_HZ, USUAL_STRIDE, USUAL_STEP = 0.5, 0.45, 0.15
@@ -128,7 +127,7 @@ def import_robot(
     *,
     name: str | None = None,
     foot_m: tuple[float, float, float] | None = None,
-    forward: str = "x",
+    forward: str | None = None,
 ) -> ImportedRobot:
     """Make a robot file of a URDF or an MJCF with six legs of three hinges.
 
@@ -139,11 +138,12 @@ def import_robot(
         path: the description; expand a xacro first.
         name: of the robot; None takes that of the description.
         foot_m: position of the feet in the frames of the last links, if the description lacks it.
-        forward: the robot's front in the frame of its root: `x`, `y`, `-x` or `-y`.
+        forward: the robot's front in the frame of its root: `x`, `y`, `-x` or `-y`; None for that of the
+            names of its legs, if they tell side or end, else `x`.
 
     Raises InputError for anything that differs from such a robot, or is missing.
     """
-    if forward not in FORWARD:
+    if forward not in (None, *FORWARD):
         raise InputError(f"{argument('forward')}: got {forward}; allowed: {', '.join(FORWARD)}")
     if name is not None and not re.fullmatch(NAME, name):
         raise InputError(
@@ -162,12 +162,13 @@ def import_robot(
 
 
 def _imports(
-    tree: LinkTree, held_rad: Mapping[str, float], forward: str, foot_m: FloatArray | None
+    tree: LinkTree, held_rad: Mapping[str, float], forward: str | None, foot_m: FloatArray | None
 ) -> "list[_Import]":
     """Imports for both directions of the vertical: first the root's z axis, or else away from the feet."""
-    facings = _facings(tree, forward)
+    fronts = _fronts(tree, forward)
+    facings = [front.frame for front in fronts]
     legs = [with_middle_coxae(with_one_zero(find_legs(tree, facing, foot_m))) for facing in facings]
-    made = [_Import(tree, one, facing, held_rad) for one, facing in zip(legs, facings, strict=True)]
+    made = [_Import(tree, one, front, held_rad) for one, front in zip(legs, fronts, strict=True)]
     if facings[0][2, 2] < math.cos(AXIS_TOLERANCE_RAD):
         made.sort(key=lambda one: one.feet_up_m)
     return made
@@ -182,25 +183,51 @@ def _read(path: Path) -> LinkTree:
     return read_mjcf(path) if tag is not None and tag[1] == b"mujoco" else read_urdf(path)
 
 
-def _facings(tree: LinkTree, forward: str) -> list[FloatArray]:
-    """Transforms from the root to axes of the body, (4, 4) each, for both directions of the vertical.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Front:
+    """A front of the robot.
 
-    The first one has z up, if the z axis of the root is the vertical.
+    Attributes:
+        frame: transform from the root to axes of the body, (4, 4).
+        named: key of `FORWARD` by the names of the legs, or None.
+        axis: key of `FORWARD` that was taken.
     """
-    coxae = [chain[0] for chain in leg_chains(tree)]
-    axes = np.array([tree.axis_in_root(joint) for joint in coxae])
+
+    frame: FloatArray
+    named: str | None
+    axis: str
+
+    @property
+    def note(self) -> str:
+        """Note on a front that no option gave, or that the names contradict; empty for x by name."""
+        if self.named is None or self.named == self.axis == "x":
+            return ""
+        return f"the front is {self.axis}; by the names of the legs it is --forward {self.named}"
+
+
+def _fronts(tree: LinkTree, forward: str | None) -> list[_Front]:
+    """Fronts for both directions of the vertical; the first has z up, if that is the root's vertical."""
+    chains = leg_chains(tree)
+    axes = np.array([tree.axis_in_root(chain[0]) for chain in chains])
     axes *= np.sign(axes @ axes[0] + 1e-12)[:, np.newaxis]
     axis = axes.mean(axis=0) / max(float(np.linalg.norm(axes.mean(axis=0))), 1e-12)
     up = axis * math.copysign(1.0, axis[np.abs(axis).argmax()])
     if up[2] > math.cos(AXIS_TOLERANCE_RAD):
         up = np.array([0.0, 0.0, 1.0])
-    ahead = np.array(FORWARD[forward])
-    if abs(ahead @ up) > math.cos(math.radians(10)):
+    mounts_m = np.array([tree.frame_in_root(chain[0].child)[:3, 3] for chain in chains])
+    names = [[name for joint in chain for name in (joint.name, joint.child)] for chain in chains]
+    named = [forward_by_names(names, mounts_m - mounts_m.mean(axis=0), side * up) for side in (1, -1)]
+    taken = [forward or one or "x" for one in named]
+    vertical = next((one for one in taken if abs(np.array(FORWARD[one]) @ up) > math.cos(math.radians(10))), None)
+    if vertical is not None:
         raise InputError(
-            f"{argument('forward')}: got {forward}, which is the vertical of this robot; allowed: "
-            f"{'y or -y' if 'x' in forward else 'x or -x'}"
+            f"{argument('forward')}: got {vertical}, which is the vertical of this robot; allowed: "
+            f"{'y or -y' if 'x' in vertical else 'x or -x'}"
         )
-    return [_facing(side * up, ahead) for side in (1, -1)]
+    return [
+        _Front(_facing(side * up, np.array(FORWARD[axis])), by_name, axis)
+        for side, by_name, axis in zip((1, -1), named, taken, strict=True)
+    ]
 
 
 def _facing(up: FloatArray, ahead: FloatArray) -> FloatArray:
@@ -213,8 +240,9 @@ def _facing(up: FloatArray, ahead: FloatArray) -> FloatArray:
 
 class _Import:
     def __init__(
-        self, tree: LinkTree, legs: list[TreeLeg], facing: FloatArray, held_rad: Mapping[str, float]
+        self, tree: LinkTree, legs: list[TreeLeg], front: _Front, held_rad: Mapping[str, float]
     ) -> None:
+        facing = front.frame
         self._tree, self._legs, self._facing, self._held_rad = tree, legs, facing, held_rad
         self._findings = Findings()
         if held_rad:
@@ -224,7 +252,6 @@ class _Import:
                 "in the description"
             )
         self._parts = LegImport(tree, legs, facing, self._findings)
-        check_units("legs", self._parts.leg_m, MOST_LEG_M, "m")
         self._links, self._joints = self._parts.links(), self._parts.joints()
         mounts_m = np.array([leg.mount_m for leg in legs])
         #: Height of the feet above the coxae at angle zero.
@@ -232,12 +259,17 @@ class _Import:
         self._box = trunk_box(tree, facing, mounts_m, self._parts.leg_m)
         self._origin_m = body_origin(self._box, mounts_m)
         length_m, width_m = np.ptp(mounts_m[:, :2], axis=0).tolist()
-        if width_m > ALONG_Y * length_m:
+        if front.note:
+            self._findings.notes.append(front.note)
+        elif front.named is None and width_m > ALONG_Y * length_m:
             self._findings.notes.append(
                 f"the mounts span {width_m:.2g} m from side to side and {length_m:.2g} m ahead: if the robot "
                 "looks along its longer side, give its front with --forward"
             )
-        self._trunk = tree.carried(tree.root, *(leg.joints[0].child for leg in legs))
+        trunk = tree.carried(tree.root, *(leg.joints[0].child for leg in legs))
+        self._trunk = [tree.links[name] for name in trunk]
+        self._trunk_mass = joined_mass(self._trunk, [facing @ tree.frame_in_root(name) for name in trunk])
+        self._check_units()
         self._note_other_hinges()
         self._mount_up_m = float(mounts_m[:, 2].mean() - self._origin_m[2])
         self.stances = self._stances()
@@ -246,9 +278,8 @@ class _Import:
         """The robot file; raises InputError if it is none."""
         servo = self._parts.servo(self._joints)
         body = body_section(
-            self._tree,
             self._trunk,
-            self._facing,
+            self._trunk_mass,
             self._box,
             self._origin_m,
             self._findings,
@@ -289,9 +320,19 @@ class _Import:
         self._note_masses(robot_of_content(made.content, Path(source)).mass_kg)
         return replace(made, reasons=self._findings.reasons, remarks=tuple(self._findings.notes))
 
+    def _check_units(self) -> None:
+        """Raise InputError if masses and lengths do not fit together; placeholders do not count."""
+        parts = {"trunk": (self._trunk_mass.mass_kg, tuple(self._box.size_m)), **self._parts.dense_parts()}
+        robot_kg = parts["trunk"][0] + N_LEGS * sum(kg for kg, _ in list(parts.values())[1:])
+        leg_m = self._parts.leg_m
+        bare = min(kg for kg, _ in parts.values()) < least_mass_kg(leg_m)
+        if problem := mass_problem(parts, math.inf if bare else robot_kg, leg_m):
+            raise InputError(f"robot description: {problem}")
+
     def _note_other_hinges(self) -> None:
         """Name the hinges of heads and arms: they stay at zero, and their masses are the trunk's."""
-        hinges = [joint.name for joint in map(self._tree.joints.get, self._trunk) if joint and joint.hinge]
+        joints = (self._tree.joints.get(link.name) for link in self._trunk)
+        hinges = [joint.name for joint in joints if joint and joint.hinge]
         if hinges:
             self._findings.notes.append(
                 f"hexctl does not move {', '.join(hinges)}: keep them at zero; what they carry belongs to the "

@@ -9,18 +9,16 @@ import numpy as np
 
 from hexctl.robot.formats.importing.import_values import (
     LEAST_TRUNK_KG_M3,
-    MOST_MASS_KG,
     USUAL_HEIGHT_M,
     USUAL_LEG_M,
     Findings,
     UsualMasses,
-    check_units,
     possible_tensor,
     rounded,
-    too_dense,
 )
-from hexctl.robot.formats.importing.link_tree import JoinedMass, LinkTree, Solid, joined_mass
+from hexctl.robot.formats.importing.link_tree import JoinedMass, LinkTree, Solid, TreeLink
 from hexctl.robot.formats.link_masses import trunk_mass
+from hexctl.robot.plausibility import TRUNK_INERTIAS, too_dense
 from hexctl.robot.schema import Body
 from hexctl.types import FloatArray
 
@@ -103,9 +101,8 @@ def body_origin(box: TrunkBox, mounts_m: FloatArray) -> FloatArray:
 
 
 def body_section(
-    tree: LinkTree,
-    parts: Sequence[str],
-    facing: FloatArray,
+    links: Sequence[TreeLink],
+    joined: JoinedMass,
     box: TrunkBox,
     origin_m: FloatArray,
     findings: Findings,
@@ -113,21 +110,20 @@ def body_section(
     least_kg: float,
     usual: UsualMasses,
 ) -> dict[str, Any]:
-    """The section `body` of a robot file: the trunk is all that no leg carries, `parts`.
+    """The section `body` of a robot file: the trunk is all that no leg carries, the links.
 
     A mass below the least one, or implausible for the box, is replaced by the usual one.
     """
     size_m = [rounded(side) for side in box.size_m]
     if box.guess:
         findings.reasons["body.size_m"] = box.guess
-    links = [tree.links[name] for name in parts]
-    joined = joined_mass(links, [facing @ tree.frame_in_root(link.name) for link in links])
     mass_kg = joined.mass_kg
     body: dict[str, Any] = {"shape": box.shape, "size_m": size_m, "mass_kg": rounded(mass_kg)}
     if mass_kg < max(least_kg, LEAST_TRUNK_KG_M3 * math.prod(size_m)) or too_dense(mass_kg, size_m):
         findings.reasons["body.mass_kg"] = usual.reason(mass_kg, "body")
         return body | {"mass_kg": usual.parts_kg["body"]}
-    check_units("a trunk", mass_kg, MOST_MASS_KG, "kg")
+    if joined.missing:
+        findings.reasons["body.mass_kg"] = f"{joined.missing}; {mass_kg:g} kg of the rest were taken"
     com_m = joined.com_m - origin_m
     in_origins = all(np.abs(link.com_m).max() < 1e-9 for link in links if link.mass_kg)
     if in_origins and float(np.hypot(*com_m[:2])) > NEAR_CENTRE * max(size_m):
@@ -149,7 +145,7 @@ def _inertia(body: dict[str, Any], joined: JoinedMass, findings: Findings) -> di
         return {}
     if np.allclose(np.diag(tensor), even, rtol=1e-7):
         return {}
-    own, problem = possible_tensor(np.diag(np.diag(tensor)), body["mass_kg"], math.hypot(*body["size_m"][:2]))
+    own, problem = possible_tensor(np.diag(np.diag(tensor)), even.tolist(), TRUNK_INERTIAS)
     if problem:
         findings.reasons[key] = f"{problem}; an evenly filled {body['shape']} was assumed"
         return {}

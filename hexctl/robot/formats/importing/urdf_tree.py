@@ -17,7 +17,7 @@ from hexctl.robot.formats.importing.link_tree import (
     TreeLink,
     tree_of,
 )
-from hexctl.robot.formats.importing.mesh_files import UnreadMeshError, mesh_points
+from hexctl.robot.formats.importing.mesh_files import MeshReader, UnreadMeshError
 from hexctl.robot.formats.xml_text import parse_xml
 from hexctl.robot.rotations import frame_of, quaternion_of_euler
 from hexctl.types import FloatArray
@@ -49,7 +49,8 @@ def _tree(root: Element, path: Path) -> LinkTree:
     elements = root.findall("link")
     if len(elements) > MOST_LINKS:
         raise ValueError(f"got {len(elements)} links; allowed: a robot of up to {MOST_LINKS}")
-    links, joints = [_link(one, path) for one in elements], [_joint(one) for one in root.findall("joint")]
+    meshes = MeshReader(path)
+    links, joints = [_link(one, meshes) for one in elements], [_joint(one) for one in root.findall("joint")]
     # The world, to which the robot is joined by a floating joint, is no part of it.
     worlds = {joint.parent for joint in joints if joint.loose} - {joint.child for joint in joints}
     if len(worlds) == 1 and sum(joint.parent in worlds for joint in joints) == 1:
@@ -58,11 +59,11 @@ def _tree(root: Element, path: Path) -> LinkTree:
     return tree_of(root.get("name", "robot"), links, joints)
 
 
-def _link(element: Element, path: Path) -> TreeLink:
+def _link(element: Element, meshes: MeshReader) -> TreeLink:
     inertial = element.find("inertial")
     mass = None if inertial is None else inertial.find("mass")
     com_m = np.zeros(3) if inertial is None else _frame(inertial)[:3, 3]
-    uses = [_solids(element.findall(use), path) for use in ("collision", "visual")]
+    uses = [_solids(element.findall(use), meshes) for use in ("collision", "visual")]
     complete = any(solids and not unread for solids, unread in uses)
     return TreeLink(
         name=_text(element, "name"),
@@ -74,12 +75,12 @@ def _link(element: Element, path: Path) -> TreeLink:
     )
 
 
-def _solids(parts: list[Element], path: Path) -> tuple[list[Solid], list[str]]:
+def _solids(parts: list[Element], meshes: MeshReader) -> tuple[list[Solid], list[str]]:
     """Solids of the visual or the collision parts of a link, and the unread meshes among them."""
     solids, unread = [], []
     for part in parts:
         try:
-            solid = _solid(part, path)
+            solid = _solid(part, meshes)
         except UnreadMeshError as error:
             unread.append(str(error))
         else:
@@ -99,22 +100,22 @@ def _inertia(inertial: Element) -> FloatArray | None:
     return np.asarray(turn @ tensor @ turn.T)
 
 
-def _solid(part: Element, path: Path) -> Solid | None:
+def _solid(part: Element, meshes: MeshReader) -> Solid | None:
     frame = _frame(part)
     for kind, keys in (("box", ("size",)), ("cylinder", ("radius", "length")), ("sphere", ("radius",))):
         solid = part.find(f"geometry/{kind}")
         if solid is not None:
             return Solid(kind, tuple(value for key in keys for value in _numbers(solid, key)), frame)
     mesh = part.find("geometry/mesh")
-    return None if mesh is None else Solid("mesh", (), frame, _mesh(mesh, path))
+    return None if mesh is None else Solid("mesh", (), frame, _mesh(mesh, meshes))
 
 
-def _mesh(mesh: Element, path: Path) -> FloatArray:
+def _mesh(mesh: Element, meshes: MeshReader) -> FloatArray:
     """Scaled points of a mesh; raises UnreadMeshError with its name and the reason."""
     name = mesh.get("filename", "")
     try:
         scale = _numbers(mesh, "scale") if mesh.get("scale") else (1.0, 1.0, 1.0)
-        return np.asarray(mesh_points(name, path) * scale)
+        return np.asarray(meshes.points(name) * scale)
     except UnreadMeshError as error:
         raise UnreadMeshError(f"{name} ({error})") from error
 

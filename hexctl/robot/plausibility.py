@@ -1,0 +1,116 @@
+"""Whether a file counts in SI units, by density, span and period: robot files, descriptions and bench runs.
+
+Bounds are far from any robot: a factor of 10 in lengths, or of 1000 in masses, leaves them.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from hexctl.types import FloatArray
+
+#: Density above which no part is, with `MARGIN_M` added to each side: servos stick out of links.
+MOST_KG_M3, MARGIN_M = 4000.0, 0.05
+
+#: Mass of a robot per cube of its legs: shipped and published ones have 4 to 300 kg/m3, the lightest, with
+#: legs of 2.4 m, 4.
+LEAST_LEG_KG_M3 = 1.5
+
+#: A leg or a bar of a bench is no longer, a part no heavier.
+MOST_LEG_M, MOST_MASS_KG, MOST_BAR_M, MOST_BENCH_KG = 10.0, 1000.0, 2.0, 50.0
+
+#: Torques of servos, from the smallest hobby servo to the largest actuator of a leg.
+TORQUES_NM = (0.03, 60.0)
+
+#: A joint that turns further than two turns, or within less than 6.3 degrees, counts in the other unit.
+MOST_RANGE_DEG, LEAST_RANGE_DEG = 720.0, math.tau
+
+#: Largest angle of a servo on a bench, and periods at which one is read.
+MOST_BENCH_RAD, BENCH_PERIODS_S = math.tau, (2e-4, 0.5)
+
+#: Sums of moments of inertia as multiples of those of the evenly filled shape: trunks of published robots have
+#: 0.5 to 2.1, links, which are less like capsules, 0.3 to 6.7; all mass in the middle 40 % of a trunk has a
+#: sixth, at its corners three.
+TRUNK_INERTIAS, LINK_INERTIAS = (1 / 6, 4.0), (1 / 8, 8.0)
+
+
+def too_dense(mass_kg: float, size_m: Sequence[float]) -> bool:
+    """Whether a part is heavier than any robot's of its length, width and height."""
+    return mass_kg > MOST_KG_M3 * float(np.prod(np.array(size_m) + MARGIN_M))
+
+
+def mass_problem(parts: Mapping[str, tuple[float, Sequence[float]]], robot_kg: float, leg_m: float) -> str:
+    """Why masses and lengths do not fit together, or an empty text.
+
+    Args:
+        parts: mass in kg, and length, width and height in m, of trunk, coxa, femur and tibia.
+        robot_kg: mass of the robot.
+        leg_m: length of a leg.
+    """
+    if leg_m > MOST_LEG_M:
+        return f"got legs of {leg_m:.4g} m; {_allowed(f'up to {MOST_LEG_M:g} m', 'mm, cm or inches')}"
+    kind, (mass_kg, _) = max(parts.items(), key=lambda part: part[1][0])
+    if mass_kg > MOST_MASS_KG:
+        return f"got a {kind} of {mass_kg:.4g} kg; {_allowed(f'up to {MOST_MASS_KG:g} kg', 'grams')}"
+    dense = [name for name, (part_kg, size_m) in parts.items() if too_dense(part_kg, size_m)]
+    if len(dense) > len(parts) / 2:
+        masses = ", ".join(f"{name} {part_kg:.4g} kg" for name, (part_kg, _) in parts.items())
+        return (
+            f"got masses of {masses} with legs of {leg_m:.3g} m; "
+            f"{_allowed(f'parts of up to {MOST_KG_M3:g} kg/m3', 'grams')}"
+        )
+    if robot_kg < LEAST_LEG_KG_M3 * leg_m**3:
+        return (
+            f"got a robot of {robot_kg:.3g} kg with legs of {leg_m:.3g} m; "
+            f"{_allowed(f'{LEAST_LEG_KG_M3 * leg_m**3:.2g} kg or more', 'cm, inches or ten-fold lengths')}"
+        )
+    return ""
+
+
+def _allowed(text: str, units: str) -> str:
+    return f"allowed: {text}; if the file counts in {units}, convert it to metres and kilograms"
+
+
+def range_problem(ranges_deg: Sequence[float]) -> str:
+    """Why the ranges of coxa, femur and tibia are not in degrees, or an empty text."""
+    if max(ranges_deg) >= LEAST_RANGE_DEG:
+        return ""
+    return f"got joints that turn by {max(ranges_deg):.2g} deg at most; allowed: degrees; are these radians?"
+
+
+def inertia_problem(moments: FloatArray, even: Sequence[float], bounds: tuple[float, float]) -> str:
+    """Why moments of inertia are of another mass than those of the evenly filled shape, or an empty text.
+
+    Moments are about three axes each, in any order.
+    """
+    share = float(np.sum(moments)) / sum(even)
+    if bounds[0] <= share <= bounds[1]:
+        return ""
+    return f"got moments of inertia {share:.2g} times those of its evenly filled shape: are they of another mass?"
+
+
+def bench_problem(mass_kg: float, length_m: float, angles_rad: FloatArray, time_s: FloatArray) -> str:
+    """Why a run of a servo on a bench is not in kg, m, rad and s, or an empty text; angles are (N,) or (N, 2)."""
+    load_nm, most_rad = 9.81 * mass_kg * length_m, float(np.abs(angles_rad).max())
+    period_s = float(np.median(np.diff(time_s)))
+    if mass_kg > MOST_BENCH_KG:
+        return f"mass: got {mass_kg:g} kg; allowed: up to {MOST_BENCH_KG:g} kg; are these grams?"
+    if length_m > MOST_BAR_M:
+        return f"length: got {length_m:g} m; allowed: up to {MOST_BAR_M:g} m; are these mm or cm?"
+    if load_nm > TORQUES_NM[1]:
+        return (
+            f"mass and length: got a load of {load_nm:.3g} N m; allowed: up to {TORQUES_NM[1]:g} N m; "
+            "are these grams, mm or cm?"
+        )
+    if most_rad > MOST_BENCH_RAD:
+        return (
+            f"position and goal_position: got up to {most_rad:.4g} rad; allowed: within {MOST_BENCH_RAD:.3g} rad "
+            "of hanging; are these degrees or counts?"
+        )
+    if not BENCH_PERIODS_S[0] <= period_s <= BENCH_PERIODS_S[1]:
+        return (
+            f"timestamp: got a period of {period_s:.3g} s; allowed: {BENCH_PERIODS_S[0]:g} to "
+            f"{BENCH_PERIODS_S[1]:g} s; are these milliseconds?"
+        )
+    return ""
