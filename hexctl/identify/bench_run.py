@@ -18,6 +18,7 @@ from hexctl.identify.powered_servos import PoweredServos
 from hexctl.robot.configs import validate
 from hexctl.robot.formats.mjcf import STICTION
 from hexctl.robot.formats.xml_text import numbers
+from hexctl.robot.plausibility import bench_problem
 from hexctl.types import ArrayFields, BoolArray, FloatArray
 
 #: Step of the physics, that of hexctl's simulations, and samples for the longest dead time.
@@ -138,6 +139,8 @@ def read_bench_run(path: Path) -> BenchRun:
     time_s = rows[:, 0] - rows[0, 0]
     if (np.diff(time_s) <= 0).any():
         raise InputError(f"{path}: entries.timestamp: got times that do not grow; allowed: growing times")
+    if problem := bench_problem(parsed.mass + parsed.arm_mass, parsed.length, rows[:, 1:], time_s):
+        raise InputError(f"{path}: {problem}")
     return BenchRun(
         name=path.name,
         mass_kg=parsed.mass,

@@ -15,6 +15,7 @@ from hexctl.robot.configs import find_config, read_mapping, validate
 from hexctl.robot.formats.link_masses import link_mass
 from hexctl.robot.meshes import Meshes, read_meshes
 from hexctl.robot.model import Robot, stance
+from hexctl.robot.plausibility import mass_problem, range_problem
 from hexctl.robot.schema import JointSection, LinkSection, RobotSchema
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.drivers import BUS_DRIVERS
@@ -22,7 +23,7 @@ from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.robot.servos.raw_map import RawMap
 from hexctl.robot.servos.servo_map import ServoMap, servo_map_of
 from hexctl.robot.yaml_text import with_values, yaml_content
-from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS, FloatArray
+from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_LEGS, FloatArray
 
 
 @dataclass(frozen=True)
@@ -148,6 +149,7 @@ def _build(schema: RobotSchema) -> Robot:
         ),
         joint_play_rad=_if_any([math.radians(joint.play_deg) for joint in joints]),
     )
+    _check_units(robot)
     _check_stance_limits(robot)
     _check_leg_order(robot)
     _check_foot_spacing(robot)
@@ -186,6 +188,17 @@ def _stiffness(schema: RobotSchema, joints: Sequence[JointSection]) -> FloatArra
 def _if_any(values: list[float]) -> FloatArray | None:
     """Values of the three kinds for each joint, (18,), or None if all are 0."""
     return _per_joint(values) if any(values) else None
+
+
+def _check_units(robot: Robot) -> None:
+    lengths_m = robot.link_lengths_m.tolist()
+    links = [(kg, (length_m, 0.0, 0.0)) for kg, length_m in zip(robot.link_masses_kg.tolist(), lengths_m, strict=True)]
+    parts = {"body": (robot.body.mass_kg, robot.body.size_m), **dict(zip(JOINT_KINDS, links, strict=True))}
+    if problem := mass_problem(parts, robot.mass_kg, sum(lengths_m)):
+        raise InputError(f"body and links: {problem}")
+    ranges_deg = np.degrees(robot.joint_upper_rad - robot.joint_lower_rad)
+    if problem := range_problem(ranges_deg[:JOINTS_PER_LEG].tolist()):
+        raise InputError(f"joints: {problem}")
 
 
 def _check_stance_limits(robot: Robot) -> None:

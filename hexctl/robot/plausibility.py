@@ -27,7 +27,7 @@ TORQUES_NM = (0.03, 60.0)
 MOST_RANGE_DEG, LEAST_RANGE_DEG = 720.0, math.tau
 
 #: Largest angle of a servo on a bench, and periods at which one is read.
-MOST_BENCH_RAD, BENCH_PERIODS_S = math.tau, (2e-4, 0.5)
+MOST_BENCH_RAD, BENCH_PERIODS_S = 1.1 * math.pi, (2e-4, 0.5)
 
 #: Sums of moments of inertia as multiples of those of the evenly filled shape: trunks of published robots have
 #: 0.5 to 2.1, links, which are less like capsules, 0.3 to 6.7; all mass in the middle 40 % of a trunk has a

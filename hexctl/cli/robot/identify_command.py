@@ -31,11 +31,14 @@ if TYPE_CHECKING:
     from hexctl.identify.identification import Identification
     from hexctl.identify.robot_log import RobotLog
 
-#: Error of the result above that of the robot file from which a warning is printed.
+#: Error of the result above that before from which nothing was identified.
 WORSE_DEG = 0.02
 
 #: Left error above which a warning is printed: free legs leave 0.1 to 0.2 degrees, feet on a floor 0.8.
 POOR_DEG = 0.5
+
+#: Left error of a run on a bench, as a share of its motion, above which a warning is printed.
+POOR_SHARE = 0.2
 
 #: Shares of late readings that are printed, and that change values: with 10 % they change by up to 3 %.
 SEEN_SHARE, WRONG_SHARE = 0.005, 0.1
@@ -115,12 +118,30 @@ def _print_doubts(found: "Identification") -> None:
             print_message(f"{log.name}: {late}")
     errors = found.to_dict()["error_deg"]
     if errors["after"] > errors["before"] + WORSE_DEG:
-        print_message("the result fits no better than the robot file: has a leg failed in these logs?")
-    elif (left_deg := _left_deg(found)) > POOR_DEG:
+        raise InputError(
+            f"LOG: got motions that the result fits worse ({errors['after']:.2f} deg) than the start "
+            f"({errors['before']:.2f} deg), and nothing was written; allowed: motions of legs that work; in a run "
+            "on a bench rad, m, kg and s"
+        )
+    if (left_deg := _left_deg(found)) > POOR_DEG:
         print_message(
             f"a poor fit, {left_deg:.2f} deg are left: the values may be wrong; on a stand no "
             "foot may touch anything, and the robot file must have the right masses and lengths"
         )
+    if (share := _left_share(found)) > POOR_SHARE:
+        print_message(
+            f"a poor fit, {100 * share:.0f} % of the motion are left: the values may be wrong; the runs must "
+            "count in rad, m, kg and s, not in degrees, mm or grams"
+        )
+
+
+def _left_share(found: "Identification") -> float:
+    """Error of the runs on a bench as a share of their motion, the largest; 0 without one."""
+    from hexctl.identify.bench_run import BenchRun
+
+    errors_rad = {**found.fit.after_rad, **found.judged_rad}
+    of_bench = (one for one in found.replays if isinstance(one, BenchRun))
+    return max((errors_rad[one.name] / float(one.measured_rad.std()) for one in of_bench), default=0.0)
 
 
 def _late_readings(log: "RobotLog") -> str:

@@ -131,6 +131,7 @@ class RobotCheck:
         if spacing_m <= least_m:
             within = f"{1000 * spacing_m:.0f} mm"
             yield f"feet touch: they come within {within} and are {1000 * least_m:.0f} mm thick"
+        yield from inertia_doubts(self.robot)
         if self.servos_given and not self.gait_fits_servos:
             yield "the gait goes beyond the limits of the servos (section `servos`), which clip it"
 

@@ -1,12 +1,15 @@
 """Masses of a robot's parts as rigid bodies: those of the simulation, in the form of URDF and MJCF."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hexctl.robot.model import Robot
+from hexctl.robot.plausibility import LINK_INERTIAS, TRUNK_INERTIAS, inertia_problem
 from hexctl.robot.schema import Body, principal_moments
+from hexctl.types import JOINT_KINDS
 
 Vector3 = tuple[float, float, float]
 
@@ -93,6 +96,18 @@ def _principal(mass_kg: float, com_m: Vector3, moments_kg_m2: list[float]) -> Pa
 def trunk_mass(body: Body) -> PartMass:
     """Mass of the trunk: with its moments of inertia, or those of its shape filled evenly."""
     return PartMass(body.mass_kg, body.com_m, body.inertia_kg_m2 or _even_moments(body))
+
+
+def inertia_doubts(robot: Robot) -> Iterator[str]:
+    """Doubts about moments of inertia that are not those of the masses, one sentence each."""
+    body, bare = robot.body, replace(robot, link_inertias_kg_m2=None)
+    parts = [("body", body.inertia_kg_m2 or _even_moments(body), _even_moments(body), TRUNK_INERTIAS)]
+    for index, kind in enumerate(JOINT_KINDS):
+        own, even = (link_mass(one, index).moments_kg_m2 for one in (robot, bare))
+        parts.append((f"links.{kind}", own, even, LINK_INERTIAS))
+    for part, own, even, bounds in parts:
+        if problem := inertia_problem(np.array(own), even, bounds):
+            yield f"{part}.inertia_kg_m2: {problem}"
 
 
 def _even_moments(body: Body) -> Vector3:

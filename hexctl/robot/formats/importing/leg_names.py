@@ -32,8 +32,8 @@ _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
 LEAST_ALONG = 0.8
 
 
-def forward_by_names(names: Sequence[Sequence[str]], mounts_m: FloatArray, up: FloatArray) -> str | None:
-    """Key of `FORWARD` by the names of legs, or None if they show no front, or contradict.
+def forward_by_names(names: Sequence[Sequence[str]], mounts_m: FloatArray, up: FloatArray) -> list[str]:
+    """Keys of `FORWARD` by the names of legs: none if they show no front, two if ends and sides contradict.
 
     Args:
         names: of the joints and links of each leg.
@@ -44,8 +44,8 @@ def forward_by_names(names: Sequence[Sequence[str]], mounts_m: FloatArray, up: F
     sides, ends = places[:, 0], places[:, 1]
     shown = [ends @ mounts_m] if _even(ends, (-1, 0, 1)) else []
     shown += [np.cross(sides @ mounts_m, up)] if _even(sides, (-1, 1)) else []
-    fronts = {_axis_along(one - (one @ up) * up) for one in shown}
-    return fronts.pop() if len(fronts) == 1 else None
+    fronts = (_axis_along(one - (one @ up) * up) for one in shown)
+    return list(dict.fromkeys(axis for axis in fronts if axis is not None))
 
 
 def _axis_along(direction: FloatArray) -> str | None:

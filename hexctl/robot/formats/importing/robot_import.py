@@ -189,20 +189,28 @@ class _Front:
 
     Attributes:
         frame: transform from the root to axes of the body, (4, 4).
-        named: key of `FORWARD` by the names of the legs, or None.
+        named: keys of `FORWARD` by the names of the legs: by ends, then by sides if these contradict.
         axis: key of `FORWARD` that was taken.
     """
 
     frame: FloatArray
-    named: str | None
+    named: Sequence[str]
     axis: str
 
     @property
     def note(self) -> str:
-        """Note on a front that no option gave, or that the names contradict; empty for x by name."""
-        if self.named is None or self.named == self.axis == "x":
+        """Note on a front that the names alone show, or contradict; empty for x by name."""
+        if len(self.named) > 1:
+            ends, sides = self.named
+            return (
+                f"the names of the legs contradict: their ends are those of --forward {ends}, their sides those "
+                f"of --forward {sides}; the front is {self.axis}"
+            )
+        if not self.named or (*self.named, self.axis) == ("x", "x"):
             return ""
-        return f"the front is {self.axis}; by the names of the legs it is --forward {self.named}"
+        if self.named[0] == self.axis:
+            return f"the front is {self.axis}, as the names of the legs show (--forward {self.axis})"
+        return f"the front is {self.axis}; by the names of the legs it is --forward {self.named[0]}"
 
 
 def _fronts(tree: LinkTree, forward: str | None) -> list[_Front]:
@@ -217,7 +225,7 @@ def _fronts(tree: LinkTree, forward: str | None) -> list[_Front]:
     mounts_m = np.array([tree.frame_in_root(chain[0].child)[:3, 3] for chain in chains])
     names = [[name for joint in chain for name in (joint.name, joint.child)] for chain in chains]
     named = [forward_by_names(names, mounts_m - mounts_m.mean(axis=0), side * up) for side in (1, -1)]
-    taken = [forward or one or "x" for one in named]
+    taken = [forward or (one[0] if len(one) == 1 else "x") for one in named]
     vertical = next((one for one in taken if abs(np.array(FORWARD[one]) @ up) > math.cos(math.radians(10))), None)
     if vertical is not None:
         raise InputError(
@@ -261,7 +269,7 @@ class _Import:
         length_m, width_m = np.ptp(mounts_m[:, :2], axis=0).tolist()
         if front.note:
             self._findings.notes.append(front.note)
-        elif front.named is None and width_m > ALONG_Y * length_m:
+        elif not front.named and width_m > ALONG_Y * length_m:
             self._findings.notes.append(
                 f"the mounts span {width_m:.2g} m from side to side and {length_m:.2g} m ahead: if the robot "
                 "looks along its longer side, give its front with --forward"
