@@ -31,6 +31,12 @@ MOST_ARCHIVE_BYTES = 100_000_000
 #: Maximum arrays in an archive; a landscape has five.
 MOST_ARRAYS = 64
 
+#: Start of the entry of an array in the list of an archive.
+_MEMBER = b"PK\x01\x02"
+
+#: Maximum length of a head; that of a prior has some thousand letters.
+MOST_HEAD = 1_000_000
+
 #: Bytes of an element when an array is read as numbers.
 _NUMBER_BYTES = 8
 
@@ -60,7 +66,10 @@ def open_archive(path: Path | str) -> Any:
 
     Raises OSError as `read_file` does, ValueError if it needs too much memory; other errors for damage.
     """
-    content = io.BytesIO(read_file(Path(path), MOST_ARCHIVE_BYTES))
+    data = read_file(Path(path), MOST_ARCHIVE_BYTES)
+    if (count := data.count(_MEMBER)) > MOST_ARRAYS:  # zipfile would read the names of all
+        raise ValueError(f"it has {count} arrays; allowed: {MOST_ARRAYS}")
+    content = io.BytesIO(data)
     with zipfile.ZipFile(content) as packed:
         _check_size(packed)
     content.seek(0)
@@ -75,8 +84,6 @@ def damage_reason(error: BaseException) -> str:
 def _check_size(packed: zipfile.ZipFile) -> None:
     """Raise ValueError for an archive that would fill the memory; only heads of arrays are unpacked."""
     members = packed.infolist()
-    if len(members) > MOST_ARRAYS:
-        raise ValueError(f"it has {len(members)} arrays; allowed: {MOST_ARRAYS}")
     if any(each.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for each in members):
         raise ValueError("it is packed in a way that numpy does not use")
     size = sum(_unpacked_bytes(packed, member) for member in members)
@@ -192,7 +199,9 @@ class ArchiveKind:
         check_type(path, (str, Path), self.name, "the path of a file")
         try:
             with open_archive(path) as file:
-                head = json.loads(str(file[_HEAD]))
+                if len(text := str(file[_HEAD])) > MOST_HEAD:
+                    raise ValueError(f"its head has more than {MOST_HEAD} letters")
+                head = json.loads(text)
                 found = {name: file[name] for name in file.files if arrays and name != _HEAD}
         except FileNotFoundError:
             raise InputError(

@@ -192,7 +192,10 @@ def _if_any(values: list[float]) -> FloatArray | None:
 
 def _check_units(robot: Robot) -> None:
     lengths_m = robot.link_lengths_m.tolist()
-    links = [(kg, (length_m, 0.0, 0.0)) for kg, length_m in zip(robot.link_masses_kg.tolist(), lengths_m, strict=True)]
+    links = [
+        (kg, (length_m, 0.0, 0.0))
+        for kg, length_m in zip(robot.link_masses_kg.tolist(), lengths_m, strict=True)
+    ]
     parts = {"body": (robot.body.mass_kg, robot.body.size_m), **dict(zip(JOINT_KINDS, links, strict=True))}
     if problem := mass_problem(parts, robot.mass_kg, sum(lengths_m)):
         raise InputError(f"body and links: {problem}")

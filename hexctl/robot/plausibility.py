@@ -29,7 +29,7 @@ MOST_RANGE_DEG, LEAST_RANGE_DEG = 720.0, math.tau
 #: Largest angle of a servo on a bench, and periods at which one is read.
 MOST_BENCH_RAD, BENCH_PERIODS_S = 1.1 * math.pi, (2e-4, 0.5)
 
-#: Sums of moments of inertia as multiples of those of the evenly filled shape: trunks of published robots have
+#: Sums of moments of inertia as multiples of those of the filled shape: trunks of published robots have
 #: 0.5 to 2.1, links, which are less like capsules, 0.3 to 6.7; all mass in the middle 40 % of a trunk has a
 #: sixth, at its corners three.
 TRUNK_INERTIAS, LINK_INERTIAS = (1 / 6, 4.0), (1 / 8, 8.0)
@@ -87,11 +87,11 @@ def inertia_problem(moments: FloatArray, even: Sequence[float], bounds: tuple[fl
     share = float(np.sum(moments)) / sum(even)
     if bounds[0] <= share <= bounds[1]:
         return ""
-    return f"got moments of inertia {share:.2g} times those of its evenly filled shape: are they of another mass?"
+    return f"got moments of inertia {share:.2g} times those of the filled shape: are they of another mass?"
 
 
 def bench_problem(mass_kg: float, length_m: float, angles_rad: FloatArray, time_s: FloatArray) -> str:
-    """Why a run of a servo on a bench is not in kg, m, rad and s, or an empty text; angles are (N,) or (N, 2)."""
+    """Why a run of a servo on a bench is not in kg, m, rad and s, or an empty text; angles are (N, 2)."""
     load_nm, most_rad = 9.81 * mass_kg * length_m, float(np.abs(angles_rad).max())
     period_s = float(np.median(np.diff(time_s)))
     if mass_kg > MOST_BENCH_KG:
@@ -105,8 +105,8 @@ def bench_problem(mass_kg: float, length_m: float, angles_rad: FloatArray, time_
         )
     if most_rad > MOST_BENCH_RAD:
         return (
-            f"position and goal_position: got up to {most_rad:.4g} rad; allowed: within {MOST_BENCH_RAD:.3g} rad "
-            "of hanging; are these degrees or counts?"
+            f"position and goal_position: got up to {most_rad:.4g} rad; allowed: within {MOST_BENCH_RAD:.3g} "
+            "rad of hanging; are these degrees or counts?"
         )
     if not BENCH_PERIODS_S[0] <= period_s <= BENCH_PERIODS_S[1]:
         return (

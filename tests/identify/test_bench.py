@@ -94,6 +94,11 @@ def test_a_run_is_read_as_it_was_written(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read.powered, run.powered)
 
 
+def entries(*, t_s: float = 0.02, goal_rad: float = 0.5, at_rad: float = 0.4) -> list[dict[str, float]]:
+    """Readings, by default of a servo at rest."""
+    return [{"timestamp": n * t_s, "position": at_rad, "goal_position": goal_rad} for n in range(20)]
+
+
 @pytest.mark.parametrize(
     ("changed", "key"),
     [
@@ -104,6 +109,12 @@ def test_a_run_is_read_as_it_was_written(tmp_path: Path) -> None:
         ({"entries": [{"timestamp": 0.0}] * 20}, "entries"),
         ({"entries": [{"timestamp": 0.0, "position": 0.0, "goal_position": 0.0}] * 20}, "timestamp"),
         ({"arm_mass": float("nan")}, "arm_mass"),
+        ({"mass": 600.0}, "grams"),
+        ({"mass": 45.0, "length": 0.15}, "grams"),
+        ({"length": 120.0}, "mm"),
+        ({"entries": entries(t_s=20.0)}, "milliseconds"),
+        ({"entries": entries(goal_rad=-45.0)}, "degrees"),
+        ({"entries": entries(at_rad=8.0)}, "degrees"),
     ],
 )
 def test_a_damaged_run_is_refused(changed: dict[str, Any], key: str, tmp_path: Path) -> None:

@@ -4,7 +4,9 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
+from hexctl.robot.formats.importing import mjcf_process
 from hexctl.robot.formats.importing.robot_import import ImportedRobot, import_robot
 
 #: Coxa axes in m and yaws in degrees.
@@ -93,8 +95,9 @@ def hexapod(
     return "".join([*parts, more, "</robot>"])
 
 
-def imported(folder: Path, text: str, name: str | None = None, **options: Any) -> ImportedRobot:
-    """What is made of a description, a URDF or an MJCF."""
-    path = folder / (name or ("some.xml" if text.startswith("<mujoco") else "some.urdf"))
+def imported(folder: Path, text: str, **options: Any) -> ImportedRobot:
+    """What is made of a description, a URDF or an MJCF; MuJoCo runs in this process, which saves time."""
+    path = folder / ("some.xml" if text.startswith("<mujoco") else "some.urdf")
     path.write_text(text, encoding="utf-8")
-    return import_robot(path, **options)
+    with patch.object(mjcf_process, "_answer", mjcf_process.answer_here):
+        return import_robot(path, **options)

@@ -120,8 +120,8 @@ def _print_doubts(found: "Identification") -> None:
     if errors["after"] > errors["before"] + WORSE_DEG:
         raise InputError(
             f"LOG: got motions that the result fits worse ({errors['after']:.2f} deg) than the start "
-            f"({errors['before']:.2f} deg), and nothing was written; allowed: motions of legs that work; in a run "
-            "on a bench rad, m, kg and s"
+            f"({errors['before']:.2f} deg), nothing was written; allowed: motions of working legs, and rad, "
+            "m, kg and s on a bench"
         )
     if (left_deg := _left_deg(found)) > POOR_DEG:
         print_message(

@@ -125,8 +125,8 @@ def import_robot(
         choice(
             "--forward",
             Forward,
-            "Axis of the root along which the robot looks: x, y, -x or -y. (default: by the names of its legs, "
-            "else x)",
+            "Axis of the root along which the robot looks: x, y, -x or -y. (default: by the names of its "
+            "legs, else x)",
         ),
     ] = None,
 ) -> None:

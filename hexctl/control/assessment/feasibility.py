@@ -14,6 +14,7 @@ from hexctl.control.assessment.static_stability import most_stable_slots
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import AUTO, DEFAULT_GAIT, Gait, Motion, ideal_speed_m_s, make_gait
 from hexctl.ik.legs import TOLERANCE_RAD, range_excess_rad, solve_legs
+from hexctl.robot.formats.link_masses import inertia_doubts
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.raw_map import RawMap, joints_beyond, joints_beyond_travel

@@ -5,14 +5,30 @@ from xml.etree.ElementTree import Element, SubElement
 
 from hexctl.palette import Color
 
+#: Maximum number of elements of a file; each takes a hundred times the memory of its text.
+MOST_ELEMENTS = 200_000
+
 
 class _PlainBuilder(ElementTree.TreeBuilder):
+    def __init__(self) -> None:
+        super().__init__()
+        self._count = 0
+
+    def start(self, tag: str, attributes: dict[str, str]) -> Element:
+        self._count += 1
+        if self._count > MOST_ELEMENTS:
+            raise ValueError(f"has more than {MOST_ELEMENTS} elements")
+        return super().start(tag, attributes)
+
     def doctype(self, *_: object) -> None:
         raise ValueError("has a DOCTYPE, which may declare entities")
 
 
 def parse_xml(content: bytes) -> Element:
-    """Root of an XML file in any encoding; raises ValueError for no XML, or a DOCTYPE (entity attacks)."""
+    """Root of an XML file in any encoding.
+
+    Raises ValueError for no XML, a DOCTYPE (entity attacks), or too many elements.
+    """
     try:
         return ElementTree.fromstring(content, ElementTree.XMLParser(target=_PlainBuilder()))  # noqa: S314
     except (ElementTree.ParseError, LookupError) as error:  # a LookupError is an unknown encoding

@@ -30,6 +30,7 @@ LEAST_TRUNK_KG_M3 = 20.0
 #: A wider range is that of a motor, and a narrower one of no joint of a leg.
 RANGES_DEG = (5.0, 340.0)
 
+
 @dataclass(frozen=True, slots=True)
 class Findings:
     """Reasons of unknown keys, and notes on omissions and changes, collected during an import."""

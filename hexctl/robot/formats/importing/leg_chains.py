@@ -67,7 +67,9 @@ def _six_alike(tree: LinkTree, chains: list[Chain]) -> list[Chain]:
     for columns in (slice(-1), slice(None)) if len(chains) > N_LEGS else ():
         for one in lengths_m[:, columns]:
             off_m = np.abs(lengths_m[:, columns] - one).max(axis=1)
-            alike = [chain for chain, off in zip(chains, off_m, strict=True) if off <= LEG_TOLERANCE * one.sum()]
+            alike = [
+                chain for chain, off in zip(chains, off_m, strict=True) if off <= LEG_TOLERANCE * one.sum()
+            ]
             if len(alike) == N_LEGS:
                 return alike
     return chains
@@ -164,8 +166,8 @@ def leg_chains(tree: LinkTree) -> list[Chain]:
     if len(legs) != N_LEGS:
         names = ", ".join(f"{chain[0].name} to {chain[-1].name}" for chain in legs[: 2 * N_LEGS])
         raise InputError(
-            f"robot description: got {len(legs)} chains of {JOINTS_PER_LEG} hinges ({names or 'none'}); allowed: "
-            f"{N_LEGS} legs; make the hinges of arms and heads `fixed` in the description"
+            f"robot description: got {len(legs)} chains of {JOINTS_PER_LEG} hinges ({names or 'none'}); "
+            f"allowed: {N_LEGS} legs; make the hinges of arms and heads `fixed` in the description"
         )
     if len({chain[0].name for chain in legs}) != N_LEGS:
         raise InputError(

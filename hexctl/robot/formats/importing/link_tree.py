@@ -18,7 +18,7 @@ LOOSE = ("floating", "planar")
 LIGHT_SHARE = 0.05
 
 #: Limits of a description: the time to place links grows with the square of their number.
-MOST_BYTES, MOST_LINKS = 20_000_000, 500
+MOST_BYTES, MOST_LINKS = 5_000_000, 500
 
 #: A hinge that turns less than this stands for a rigid joint: touch sensors and springs are written so.
 RIGID_RANGE_RAD = 0.05

@@ -7,6 +7,7 @@ import io
 import math
 import re
 import unicodedata
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import starmap
@@ -17,14 +18,13 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from hexctl.files import is_file, is_folder, read_file
-from hexctl.robot.formats.importing.link_tree import MOST_BYTES
 from hexctl.robot.formats.xml_text import parse_xml
 from hexctl.robot.meshes import STL_HEAD, STL_TRIANGLE
 from hexctl.robot.rotations import frame_of, placed_points, quaternion_about
 from hexctl.types import FloatArray
 
-#: Maximum size of all meshes of a description; text counts more, because it takes longer.
-MOST_BYTES_OF_ALL, TEXT_WEIGHT = 120_000_000, 3
+#: Maximum size of a mesh, and of all meshes of a description; text counts more, because it takes longer.
+MOST_BYTES, MOST_BYTES_OF_ALL, TEXT_WEIGHT = 20_000_000, 60_000_000, 3
 
 #: A package as launch files and xacro name it.
 FIND = re.compile(r"^\$\((?:find|find-pkg-share) ([^)]*)\)")
@@ -89,7 +89,7 @@ def _distinct(points: FloatArray) -> FloatArray:
 def find_mesh(name: str, *folders: Path) -> Path | None:
     """File of a mesh named in a description, sought from folders; in another case only if there is none else.
 
-    Names may be URLs, with `%20` for a space, and are written with / or \\.
+    Names may be URLs, with `%20` for a space, and paths of Windows.
     """
     name = FIND.sub(r"package://\1", name.removeprefix("file://").replace("\\", "/"))
     spellings = dict.fromkeys((name, unquote(name)))
@@ -220,8 +220,18 @@ def _vertices(geometry: Element) -> FloatArray:
             continue
         accessor = source.find("{*}technique_common/{*}accessor")
         stride = 3 if accessor is None else int(accessor.get("stride", "3"))
-        found.append(np.array((numbers.text or "").split(), dtype=float).reshape(-1, stride)[:, :3])
+        found.append(_numbers(numbers.text or "").reshape(-1, stride)[:, :3])
     return np.concatenate(found)
+
+
+def _numbers(text: str) -> FloatArray:
+    """Numbers of a text; raises ValueError for anything else."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)
+        try:
+            return np.fromstring(text, sep=" ")
+        except DeprecationWarning as error:
+            raise ValueError("has text in place of numbers") from error
 
 
 READERS: dict[str, Callable[[bytes], FloatArray]] = {".stl": _stl, ".obj": _obj, ".dae": collada_points}

@@ -1,4 +1,4 @@
-"""What an MJCF and the files that it includes ask of MuJoCo, which reads pipes and repeats parts without end."""
+"""What an MJCF and the files that it includes ask of MuJoCo, which reads pipes and repeats without end."""
 
 import re
 from collections.abc import Iterator
@@ -8,9 +8,9 @@ from pathlib import Path
 from hexctl.files import read_file
 from hexctl.robot.formats.importing.link_tree import MOST_BYTES
 
-#: Limits of a description: elements after all repetitions, files in one another, points of a height field, and
-#: numbers that make a mesh.
-MOST_ELEMENTS, MOST_DEPTH, MOST_POINTS, MOST_SIDES = 20_000, 8, 1_000_000, 100
+#: Limits of a description: elements after all repetitions, files in one another, points of a height field,
+#: and numbers that make a mesh.
+MOST_ELEMENTS, MOST_DEPTH, MOST_POINTS, MOST_SIDES = 5_000, 8, 1_000_000, 100
 
 #: Elements that make bodies of cloth, ropes and grains.
 SOFT = ("composite", "flexcomp")
@@ -82,7 +82,9 @@ def _check(tag: _Tag) -> None:
         raise ValueError(f"has a <{tag.name}>, which is no part of a robot with servos")
     if tag.name == "hfield" and abs(tag.number("nrow") * tag.number("ncol")) > MOST_POINTS:
         raise ValueError(f"has a height field of more than {MOST_POINTS} points")
-    if tag.name == "mesh" and any(float(one) > MOST_SIDES for one in re.findall(r"\d+", tag.values.get("params", ""))):
+    if tag.name == "mesh" and any(
+        float(one) > MOST_SIDES for one in re.findall(r"\d+", tag.values.get("params", ""))
+    ):
         raise ValueError(f"has a built-in mesh with more than {MOST_SIDES} sides")
 
 

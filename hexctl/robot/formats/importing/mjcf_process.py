@@ -15,7 +15,7 @@ from hexctl.robot.formats.importing.link_tree import LinkTree
 from hexctl.robot.formats.importing.mjcf_files import check_mjcf_files
 
 #: Memory and processor time of the child after its imports, and the time until it must have answered.
-MOST_MB, MOST_CPU_S, TIMEOUT_S = 360, 3, 20.0
+MOST_MB, MOST_CPU_S, TIMEOUT_S = 360, 2, 20.0
 
 #: The child draws nothing, and its matrices are small.
 _ENVIRONMENT = {"MUJOCO_GL": "disable", "OPENBLAS_NUM_THREADS": "1"}
@@ -63,23 +63,27 @@ def _limit() -> None:
     resource.setrlimit(resource.RLIMIT_DATA, (data, data))
 
 
-def _main(path: str) -> None:
-    """Write the tree or the reason of a refusal to the standard output."""
-    answer = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # MuJoCo may print
+def answer_here(path: Path, *, limited: bool = False) -> tuple[str, Any]:
+    """`tree` and the tree, `refused` and the reason, or `missing` without MuJoCo, by this process."""
     try:
         from hexctl.robot.formats.importing.mjcf_tree import compiled_tree
     except ImportError:
-        pickle.dump(("missing", ""), answer)
-    else:
+        return "missing", ""
+    if limited:
         _limit()
-        try:
-            found: tuple[str, Any] = ("tree", compiled_tree(Path(path)))
-        except (MemoryError, OSError, ValueError) as error:
-            reason = " ".join(str(error).split())
-            short = isinstance(error, MemoryError) or "allocate memory" in reason
-            found = ("refused", f"MuJoCo needs more than {MOST_MB} MB for it" if short else reason)
-        pickle.dump(found, answer)
+    try:
+        return "tree", compiled_tree(path)
+    except (MemoryError, OSError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        short = isinstance(error, MemoryError) or "allocate memory" in reason
+        return "refused", f"MuJoCo needs more than {MOST_MB} MB for it" if short else reason
+
+
+def _main(path: str) -> None:
+    """Write the answer to the standard output."""
+    answer = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # MuJoCo may print
+    pickle.dump(answer_here(Path(path), limited=True), answer)
     answer.flush()
     os._exit(0)
 

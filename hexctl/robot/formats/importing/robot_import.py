@@ -203,8 +203,8 @@ class _Front:
         if len(self.named) > 1:
             ends, sides = self.named
             return (
-                f"the names of the legs contradict: their ends are those of --forward {ends}, their sides those "
-                f"of --forward {sides}; the front is {self.axis}"
+                f"the names of the legs contradict: their ends are those of --forward {ends}, their sides "
+                f"those of --forward {sides}; the front is {self.axis}"
             )
         if not self.named or (*self.named, self.axis) == ("x", "x"):
             return ""
@@ -226,8 +226,8 @@ def _fronts(tree: LinkTree, forward: str | None) -> list[_Front]:
     names = [[name for joint in chain for name in (joint.name, joint.child)] for chain in chains]
     named = [forward_by_names(names, mounts_m - mounts_m.mean(axis=0), side * up) for side in (1, -1)]
     taken = [forward or (one[0] if len(one) == 1 else "x") for one in named]
-    vertical = next((one for one in taken if abs(np.array(FORWARD[one]) @ up) > math.cos(math.radians(10))), None)
-    if vertical is not None:
+    upright = (key for key in taken if abs(np.array(FORWARD[key]) @ up) > math.cos(math.radians(10)))
+    if (vertical := next(upright, None)) is not None:
         raise InputError(
             f"{argument('forward')}: got {vertical}, which is the vertical of this robot; allowed: "
             f"{'y or -y' if 'x' in vertical else 'x or -x'}"
@@ -343,8 +343,8 @@ class _Import:
         hinges = [joint.name for joint in joints if joint and joint.hinge]
         if hinges:
             self._findings.notes.append(
-                f"hexctl does not move {', '.join(hinges)}: keep them at zero; what they carry belongs to the "
-                "trunk"
+                f"hexctl does not move {', '.join(hinges)}: keep them at zero; what they carry belongs to "
+                "the trunk"
             )
 
     def _note_masses(self, mass_kg: float) -> None:

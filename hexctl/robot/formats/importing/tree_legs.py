@@ -9,7 +9,12 @@ import numpy as np
 
 from hexctl.errors import InputError, argument
 from hexctl.robot.formats.importing.import_values import rounded
-from hexctl.robot.formats.importing.leg_chains import FOOT_TOLERANCE_M, LEG_TOLERANCE, axis_problem, leg_chains
+from hexctl.robot.formats.importing.leg_chains import (
+    FOOT_TOLERANCE_M,
+    LEG_TOLERANCE,
+    axis_problem,
+    leg_chains,
+)
 from hexctl.robot.formats.importing.link_tree import LinkTree, TreeJoint
 from hexctl.robot.rotations import placed_points
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, ArrayFields, FloatArray
