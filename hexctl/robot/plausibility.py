@@ -26,8 +26,8 @@ TORQUES_NM = (0.03, 60.0)
 #: A joint that turns further than two turns, or within less than 6.3 degrees, counts in the other unit.
 MOST_RANGE_DEG, LEAST_RANGE_DEG = 720.0, math.tau
 
-#: Largest angle of a servo on a bench, and periods at which one is read.
-MOST_BENCH_RAD, BENCH_PERIODS_S = 1.1 * math.pi, (2e-4, 0.5)
+#: Largest angle of a servo on a bench, periods at which one is read, and the longest time without a reading.
+MOST_BENCH_RAD, BENCH_PERIODS_S, MOST_GAP_S = 1.1 * math.pi, (2e-4, 0.5), 10.0
 
 #: Sums of moments of inertia as multiples of those of the filled shape: trunks of published robots have
 #: 0.5 to 2.1, links, which are less like capsules, 0.3 to 6.7; all mass in the middle 40 % of a trunk has a
@@ -93,7 +93,7 @@ def inertia_problem(moments: FloatArray, even: Sequence[float], bounds: tuple[fl
 def bench_problem(mass_kg: float, length_m: float, angles_rad: FloatArray, time_s: FloatArray) -> str:
     """Why a run of a servo on a bench is not in kg, m, rad and s, or an empty text; angles are (N, 2)."""
     load_nm, most_rad = 9.81 * mass_kg * length_m, float(np.abs(angles_rad).max())
-    period_s = float(np.median(np.diff(time_s)))
+    period_s, gap_s = float(np.median(np.diff(time_s))), float(np.diff(time_s).max())
     if mass_kg > MOST_BENCH_KG:
         return f"mass: got {mass_kg:g} kg; allowed: up to {MOST_BENCH_KG:g} kg; are these grams?"
     if length_m > MOST_BAR_M:
@@ -113,4 +113,6 @@ def bench_problem(mass_kg: float, length_m: float, angles_rad: FloatArray, time_
             f"timestamp: got a period of {period_s:.3g} s; allowed: {BENCH_PERIODS_S[0]:g} to "
             f"{BENCH_PERIODS_S[1]:g} s; are these milliseconds?"
         )
+    if gap_s > MOST_GAP_S:
+        return f"timestamp: got a gap of {gap_s:.4g} s; allowed: up to {MOST_GAP_S:g} s; cut the run there"
     return ""

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
 from hexctl.identify.bench_run import BenchRun, fit_bench, plain_start, read_bench_run
 from hexctl.identify.fit import fit_values
-from hexctl.identify.identification import identify
+from hexctl.identify.identification import Identification, identify
 from hexctl.identify.parameters import Estimate, ServoValues
 from hexctl.types import JOINTS_PER_LEG, N_LEGS, FloatArray
 
@@ -113,6 +114,7 @@ def entries(*, t_s: float = 0.02, goal_rad: float = 0.5, at_rad: float = 0.4) ->
         ({"mass": 45.0, "length": 0.15}, "grams"),
         ({"length": 120.0}, "mm"),
         ({"entries": entries(t_s=20.0)}, "milliseconds"),
+        ({"entries": [*entries(), {"timestamp": 1e9, "position": 0, "goal_position": 0}]}, "timestamp"),
         ({"entries": entries(goal_rad=-45.0)}, "degrees"),
         ({"entries": entries(at_rad=8.0)}, "degrees"),
     ],
@@ -213,3 +215,19 @@ def test_friction_that_grows_with_the_load_is_found_where_there_is_some(share: f
     found = fit_bench(runs).estimates["load_friction"]
     assert found.known
     assert found.value == pytest.approx(share, abs=0.08)
+
+
+def test_a_fit_that_is_worse_than_its_start_is_no_success_and_writes_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = bench_run(9, duration_s=0.5)
+    log, output = write_run(tmp_path / "run.json", run), tmp_path / "out.yaml"
+    command = ["identify", str(log), "--robot", "lukas", "--output", str(output)]
+    fit = fit_values([run], TRUTH, ["stiffness_nm_per_rad"])
+    for after_rad, code in ((0.0, 0), (2.0, 2)):
+        output.unlink(missing_ok=True)
+        output.with_suffix(".png").unlink(missing_ok=True)
+        found = Identification(replace(fit, after_rad={run.name: after_rad}), {}, (run,), 16.0)
+        monkeypatch.setattr("hexctl.identify.identification.identify", lambda *_, found=found, **__: found)
+        assert exit_code(command) == code
+        assert output.exists() == (code == 0)

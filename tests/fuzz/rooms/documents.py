@@ -1,5 +1,6 @@
 """Targets that are files: robots, their shapes, worlds, links, lenses, places, measurements, stops, keys."""
 
+import json
 import math
 import os
 from collections.abc import Callable
@@ -14,9 +15,12 @@ import yaml
 from hexctl.backends.sim.world import World, load_randomization, load_world
 from hexctl.control.assessment.uncertainty_store import UNCERTAINTIES, known_uncertainty
 from hexctl.errors import HexctlError, InputError
+from hexctl.identify.bench_run import plain_start, read_bench_run
 from hexctl.robot.configs import config_root, read_mapping
 from hexctl.robot.formats.importing import urdf_tree
+from hexctl.robot.formats.importing.mjcf_files import check_mjcf_files
 from hexctl.robot.formats.importing.robot_import import import_robot
+from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.meshes import GLB_HEAD, MEDIA_TYPES, check_mesh
@@ -37,7 +41,7 @@ from hexctl.vision.place import (
 from hexctl.wire.certificates import load_certificate
 from hexctl.wire.links import Link, Role, load_link
 from hexctl.wire.stop_datagram import SECRET_FILE, find_stop_secret
-from tests.fuzz.target import NUMBERS, own_folder, target, written
+from tests.fuzz.target import JSON_WORDS, NUMBERS, own_folder, target, written
 from tests.robots import shipped
 
 YAML_WORDS = (
@@ -325,6 +329,66 @@ def read_urdf(path: Path) -> None:
     imported = written("imported.yaml", import_robot(path).text.encode())
     with suppress(HexctlError):
         load_robot_file(imported)
+
+
+MJCF_WORDS = (
+    *NUMBERS,
+    b'<replicate count="9">',
+    b"</replicate>",
+    b'<include file="robot.xml"/>',
+    b'<model name="m" file="robot.xml"/>',
+    b'<attach model="m"/>',
+    b"<!--",
+    b"-->",
+    b'<geom type="mesh" mesh="m"/>',
+    b"mass=",
+)
+
+
+@target(
+    mjcf_of(shipped()).encode(),
+    b'<mujoco><replicate count="3"><geom/></replicate><include file="a"/><hfield nrow="2"/></mujoco>',
+    given=partial(written, "robot.xml"),
+    refusals=(ValueError, OSError),
+    words=MJCF_WORDS,
+)
+def read_mjcf_files(path: Path) -> None:
+    """Check what an MJCF asks of MuJoCo."""
+    check_mjcf_files(path)
+
+
+@target(
+    mjcf_of(shipped()).encode(),
+    given=partial(written, "robot.xml"),
+    words=MJCF_WORDS,
+    times=2,
+)
+def read_mjcf(path: Path) -> None:
+    """Import an MJCF, which MuJoCo compiles in a child; the robot file is good, or refused in one line."""
+    imported = written("imported.yaml", import_robot(path).text.encode())
+    with suppress(HexctlError):
+        load_robot_file(imported)
+
+
+@target(
+    b'{"mass": 0.9, "length": 0.15, "kp": 32, "arm_mass": 0.1, "entries": ['
+    + b",".join(b'{"timestamp": %d.5, "position": 0.01, "goal_position": 0.2}' % n for n in range(3))
+    + b"]}",
+    json.dumps(
+        {
+            "mass": 0.9,
+            "length": 0.15,
+            "kp": 32,
+            "entries": [{"timestamp": 0.02 * n, "position": 0.0, "goal_position": 0.1} for n in range(12)],
+        }
+    ).encode(),
+    given=partial(written, "run.json"),
+    words=(*JSON_WORDS, b'"torque_enable": false', b'"timestamp": '),
+)
+def read_bench(path: Path) -> None:
+    run = read_bench_run(path)
+    assert np.isfinite(run.measured_rad).all()
+    assert np.isfinite(run.errors_rad(plain_start([run]))[:1]).all()
 
 
 @target(
