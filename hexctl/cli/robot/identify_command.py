@@ -140,8 +140,10 @@ def _left_share(found: "Identification") -> float:
     from hexctl.identify.bench_run import BenchRun
 
     errors_rad = {**found.fit.after_rad, **found.judged_rad}
-    of_bench = (one for one in found.replays if isinstance(one, BenchRun))
-    return max((errors_rad[one.name] / float(one.measured_rad.std()) for one in of_bench), default=0.0)
+    moved_rad = {
+        one.name: float(one.measured_rad.std()) for one in found.replays if isinstance(one, BenchRun)
+    }
+    return max((errors_rad[name] / moved for name, moved in moved_rad.items() if moved > 0), default=0.0)
 
 
 def _late_readings(log: "RobotLog") -> str:
