@@ -75,7 +75,7 @@ def answer_here(path: Path, *, limited: bool = False) -> tuple[str, Any]:
         return "tree", compiled_tree(path)
     except (MemoryError, OSError, ValueError) as error:
         reason = " ".join(str(error).split())
-        short = isinstance(error, MemoryError) or "allocate memory" in reason
+        short = isinstance(error, MemoryError) or "allocate memory" in reason or "unknown exception" in reason
         return "refused", f"MuJoCo needs more than {MOST_MB} MB for it" if short else reason
 
 
