@@ -13,9 +13,9 @@ from hexctl.types import FloatArray
 #: Density above which no part is, with `MARGIN_M` added to each side: servos stick out of links.
 MOST_KG_M3, MARGIN_M = 4000.0, 0.05
 
-#: Mass of a robot per cube of its legs: shipped and published ones have 4 to 300 kg/m3, the lightest, with
-#: legs of 2.4 m, 4.
-LEAST_LEG_KG_M3 = 1.5
+#: Mass of a robot per cube of its legs: shipped and published ones have 40 to 250 kg/m3, the lightest, with
+#: legs of 2.4 m, 4, and one whose legs are shorter than its servos some thousands.
+LEG_KG_M3 = (1.5, 2e4)
 
 #: A leg or a bar of a bench is no longer, a part no heavier.
 MOST_LEG_M, MOST_MASS_KG, MOST_BAR_M, MOST_BENCH_KG = 10.0, 1000.0, 2.0, 50.0
@@ -40,12 +40,14 @@ def too_dense(mass_kg: float, size_m: Sequence[float]) -> bool:
     return mass_kg > MOST_KG_M3 * float(np.prod(np.array(size_m) + MARGIN_M))
 
 
-def mass_problem(parts: Mapping[str, tuple[float, Sequence[float]]], robot_kg: float, leg_m: float) -> str:
+def mass_problem(
+    parts: Mapping[str, tuple[float, Sequence[float]]], robot_kg: float | None, leg_m: float
+) -> str:
     """Why masses and lengths do not fit together, or an empty text.
 
     Args:
         parts: mass in kg, and length, width and height in m, of trunk, coxa, femur and tibia.
-        robot_kg: mass of the robot.
+        robot_kg: mass of the robot; None if parts have placeholders.
         leg_m: length of a leg.
     """
     if leg_m > MOST_LEG_M:
@@ -60,10 +62,12 @@ def mass_problem(parts: Mapping[str, tuple[float, Sequence[float]]], robot_kg: f
             f"got masses of {masses} with legs of {leg_m:.3g} m; "
             f"{_allowed(f'parts of up to {MOST_KG_M3:g} kg/m3', 'grams')}"
         )
-    if robot_kg < LEAST_LEG_KG_M3 * leg_m**3:
+    low_kg, high_kg = (density * leg_m**3 for density in LEG_KG_M3)
+    if robot_kg is not None and not low_kg <= robot_kg <= high_kg:
+        units = "cm, inches or ten-fold lengths" if robot_kg < low_kg else "grams or shorter lengths"
         return (
             f"got a robot of {robot_kg:.3g} kg with legs of {leg_m:.3g} m; "
-            f"{_allowed(f'{LEAST_LEG_KG_M3 * leg_m**3:.2g} kg or more', 'cm, inches or ten-fold lengths')}"
+            f"{_allowed(f'{low_kg:.2g} to {high_kg:.2g} kg', units)}"
         )
     return ""
 

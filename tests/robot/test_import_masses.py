@@ -121,6 +121,17 @@ def test_a_mass_of_an_mjcf_survives_a_missing_mesh(tmp_path: Path) -> None:
     assert "lost.stl" in partly.reasons["body.mass_kg"]
 
 
+def test_masses_that_are_no_part_of_the_robot_are_named(tmp_path: Path) -> None:
+    world = hexapod(trunk=BOX).replace('name="r" type="fixed"', 'name="r" type="floating"')
+    text = world.replace('<link name="root"/>', f'<link name="root">{INERTIAL}</link>')
+    table = MJCF.replace("</worldbody>", '<body name="root"><geom size="0.1" mass="3"/></body></worldbody>')
+    ball = re.sub('<body pos="0 0 1"><freejoint/>', '<body pos="0 0 1">', table)
+    ball = ball.replace('name="root"><geom', 'name="root"><freejoint/><geom')
+    for one in (text, table, ball):
+        note = next(note for note in imported(tmp_path, one).notes if "masses in the file" in note)
+        assert "root, " in note
+
+
 def test_a_mesh_is_found_by_another_case_a_space_and_a_package(tmp_path: Path) -> None:
     (tmp_path / "Meshes").mkdir()
     for name in ("trunk.stl", "top plate.stl", "Kö.stl"):
@@ -191,6 +202,9 @@ UNITS = {
     ),
     "ten-fold lengths": lambda: re.sub(
         r'value="([^"]*)"', lambda m: f'value="{float(m[1]) / 1000}"', scaled(hexapod(trunk=BOX), 10)
+    ),
+    "shorter": lambda: re.sub(
+        r'value="([^"]*)"', lambda m: f'value="{1000 * float(m[1])}"', scaled(hexapod(trunk=BOX), 0.1)
     ),
     "inches": lambda: re.sub(
         r'value="([^"]*)"', lambda m: f'value="{float(m[1]) / 39.37**3}"', scaled(hexapod(trunk=BOX), 39.37)

@@ -147,9 +147,29 @@ class _Reader:
         for body in range(self._model.nbody):
             if body == root:
                 self._add_root(body)
-            elif self._model.body_parentid[body] in self._made and body:
+            elif self._model.body_parentid[body] in self._made and body and not self._is_free(body):
                 self._add(body)
-        return tree_of(name, self._links, self._joints, stance_rad=self._stance(), numbers=self._numbers())
+        return tree_of(
+            name,
+            self._links,
+            self._joints,
+            stance_rad=self._stance(),
+            numbers=self._numbers(),
+            left_out_kg=self._left_out_kg(),
+        )
+
+    def _is_free(self, body: int) -> bool:
+        """Whether a body moves freely: a thing next to a robot on the world."""
+        model = self._model
+        return bool(model.body_jntnum[body] and model.jnt_type[model.body_jntadr[body]] == 0)
+
+    def _left_out_kg(self) -> dict[str, float]:
+        """Masses of bodies that are no part of the robot."""
+        masses_kg = self._model.body_mass
+        others = (body for body in range(1, len(masses_kg)) if body not in self._made)
+        return {
+            self._name(body): float(masses_kg[body]) for body in others if masses_kg[body] > 2 * NO_MASS_KG
+        }
 
     def _root(self) -> int:
         """The body on the world that carries 18 hinges or more; else the world, on which the legs are."""

@@ -223,7 +223,7 @@ def _fronts(tree: LinkTree, forward: str | None) -> list[_Front]:
     if up[2] > math.cos(AXIS_TOLERANCE_RAD):
         up = np.array([0.0, 0.0, 1.0])
     mounts_m = np.array([tree.frame_in_root(chain[0].child)[:3, 3] for chain in chains])
-    names = [[name for joint in chain for name in (joint.name, joint.child)] for chain in chains]
+    names = [[*(joint.name for joint in chain), *tree.carried(chain[0].child)] for chain in chains]
     named = [forward_by_names(names, mounts_m - mounts_m.mean(axis=0), side * up) for side in (1, -1)]
     taken = [forward or (one[0] if len(one) == 1 else "x") for one in named]
     upright = (key for key in taken if abs(np.array(FORWARD[key]) @ up) > math.cos(math.radians(10)))
@@ -331,10 +331,11 @@ class _Import:
     def _check_units(self) -> None:
         """Raise InputError if masses and lengths do not fit together; placeholders do not count."""
         parts = {"trunk": (self._trunk_mass.mass_kg, tuple(self._box.size_m)), **self._parts.dense_parts()}
-        robot_kg = parts["trunk"][0] + N_LEGS * sum(kg for kg, _ in list(parts.values())[1:])
+        robot_kg: float | None = parts["trunk"][0] + N_LEGS * sum(kg for kg, _ in list(parts.values())[1:])
         leg_m = self._parts.leg_m
-        bare = min(kg for kg, _ in parts.values()) < least_mass_kg(leg_m)
-        if problem := mass_problem(parts, math.inf if bare else robot_kg, leg_m):
+        if min(kg for kg, _ in parts.values()) < least_mass_kg(leg_m):
+            robot_kg = None
+        if problem := mass_problem(parts, robot_kg, leg_m):
             raise InputError(f"robot description: {problem}")
 
     def _note_other_hinges(self) -> None:

@@ -52,11 +52,13 @@ def _tree(root: Element, path: Path) -> LinkTree:
     meshes = MeshReader(path)
     links, joints = [_link(one, meshes) for one in elements], [_joint(one) for one in root.findall("joint")]
     # The world, to which the robot is joined by a floating joint, is no part of it.
+    left_out_kg: dict[str, float] = {}
     worlds = {joint.parent for joint in joints if joint.loose} - {joint.child for joint in joints}
     if len(worlds) == 1 and sum(joint.parent in worlds for joint in joints) == 1:
+        left_out_kg = {link.name: link.mass_kg for link in links if link.name in worlds and link.mass_kg}
         links = [link for link in links if link.name not in worlds]
         joints = [joint for joint in joints if joint.parent not in worlds]
-    return tree_of(root.get("name", "robot"), links, joints)
+    return tree_of(root.get("name", "robot"), links, joints, left_out_kg=left_out_kg)
 
 
 def _link(element: Element, meshes: MeshReader) -> TreeLink:
