@@ -142,7 +142,7 @@ def test_speeds_and_torques_of_no_servo_are_unknown(velocity: str, effort: str, 
         assert f"joints.tibia.{key}" not in made.unknown
 
 
-@pytest.mark.parametrize("mass", ["0.0001", "0.01", "900"])
+@pytest.mark.parametrize("mass", ["0.0001", "0.01", "90"])
 def test_a_trunk_that_is_too_light_or_too_heavy_is_unknown(mass: str, tmp_path: Path) -> None:
     made = imported(tmp_path, hexapod(trunk=BOX, trunk_inertial=TRUNK.replace("1.2", mass)))
     assert "body.mass_kg" in made.unknown

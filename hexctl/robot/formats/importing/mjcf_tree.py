@@ -172,13 +172,13 @@ class _Reader:
         }
 
     def _root(self) -> int:
-        """The body on the world that carries 18 hinges or more; else the world, on which the legs are."""
+        """The body on the world that is free or carries 18 hinges; else the world, on which the legs are."""
         model = self._model
         hinges = np.zeros(model.nbody, dtype=int)
         for body in model.jnt_bodyid[model.jnt_type == 3]:
             hinges[model.body_rootid[body]] += 1
         trunk = int(np.argmax(hinges))
-        return trunk if hinges[trunk] >= N_JOINTS else 0
+        return trunk if hinges[trunk] >= N_JOINTS or self._is_free(trunk) else 0
 
     def _add_root(self, body: int) -> None:
         self._made[body] = (self._name(body), np.zeros(3))
