@@ -67,7 +67,7 @@ def answer_here(path: Path, *, limited: bool = False) -> tuple[str, Any]:
     """`tree` and the tree, `refused` and the reason, or `missing` without MuJoCo, by this process."""
     try:
         from hexctl.robot.formats.importing.mjcf_tree import compiled_tree
-    except ImportError:
+    except ModuleNotFoundError:
         return "missing", ""
     if limited:
         _limit()
