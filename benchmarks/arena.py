@@ -90,9 +90,7 @@ def table(rows: Sequence[dict[str, Any]]) -> list[str]:
     """Rows of a Markdown table: means and their standard errors over the worlds."""
     robot = load_robot(ROBOT)
     built = {"ppo": policy_of(robot).origin, "trial-and-error": behaviours_of(robot).origin}
-    lines = [
-        "|method|n|speed over commanded|off the line at the end, cm|fell|trials|core s a walk|core min|"
-    ]
+    lines = ["|method|n|speed over commanded|off the line at the end, cm|fell|trials|core s a walk|core min|"]
     lines.append("|---|--:|--:|--:|--:|--:|--:|--:|")
     for method in METHODS:
         some = [row for row in rows if row["method"] == method]

@@ -359,7 +359,7 @@ STS = RegisterTable(
         (21, 1, 32, "P gain"),
         (22, 1, 32, "D gain"),
         (23, 1, 0, "I gain"),
-        (24, 1, 16, "starting force"),
+        (24, 2, 16, "starting force"),
         (26, 1, 1, "CW dead zone"),
         (27, 1, 1, "CCW dead zone"),
     ),

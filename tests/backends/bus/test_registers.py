@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from hexctl.backends.bus import lx16a
-from hexctl.backends.bus.registers import Register, RegisterTable, RequiredValue, table_of
+from hexctl.backends.bus.registers import FactoryValue, Register, RegisterTable, RequiredValue, table_of
 from hexctl.robot.servos.servo_models import SERVO_TYPES
 
 #: Address and size by the vendor's name of a row.
@@ -18,15 +18,17 @@ Rows = dict[str, tuple[int, int]]
 AX_ROWS = """
 0 2 Model Number; 2 1 Firmware Version; 3 1 ID; 5 1 Return Delay Time; 6 2 CW Angle Limit; 8 2 CCW Angle Limit
 12 1 Min Voltage Limit; 13 1 Max Voltage Limit; 14 2 Max Torque; 16 1 Status Return Level; 18 1 Shutdown
-24 1 Torque Enable; 30 2 Goal Position; 32 2 Moving Speed; 34 2 Torque Limit; 36 2 Present Position
-40 2 Present Load; 42 1 Present Voltage; 43 1 Present Temperature
+24 1 Torque Enable; 26 1 CW Compliance Margin; 27 1 CCW Compliance Margin; 28 1 CW Compliance Slope
+29 1 CCW Compliance Slope; 48 2 Punch; 30 2 Goal Position; 32 2 Moving Speed; 34 2 Torque Limit
+36 2 Present Position; 40 2 Present Load; 42 1 Present Voltage; 43 1 Present Temperature
 """
 
 #: STS and SCS: Feetech's memory tables, as LeRobot lists them (motors/feetech/tables.py).
 FEETECH_ROWS = """
 0 1 Firmware Major; 1 1 Firmware Minor; 3 2 Model Number; 5 1 ID; 7 1 Return Delay Time; 8 1 Response Level
 9 2 Min Angle Limit; 11 2 Max Angle Limit; 14 1 Max Voltage Limit; 15 1 Min Voltage Limit; 16 2 Max Torque
-18 1 Phase; 19 1 Unloading Condition; 40 1 Torque Enable; 42 2 Goal Position; 46 2 Goal Speed
+18 1 Phase; 19 1 Unloading Condition; 21 1 P; 22 1 D; 23 1 I; 24 2 Minimum Startup Force; 26 1 CW Dead Zone
+27 1 CCW Dead Zone; 31 2 Homing Offset; 40 1 Torque Enable; 42 2 Goal Position; 46 2 Goal Speed
 56 2 Present Position; 60 2 Present Load; 62 1 Present Voltage; 63 1 Present Temperature
 """
 STS_ROWS = """
@@ -51,18 +53,22 @@ voltages Min Voltage Limit, Max Voltage Limit; shutdown Shutdown; hardware_error
 AX_NAMES = DYNAMIXEL | pairs("""
 voltage Present Voltage; least CW Angle Limit; most CCW Angle Limit; mode Control Mode; speed Moving Speed
 max_torque Max Torque; torque_limit Torque Limit; soft_torque Torque Limit
+tuning CW Compliance Margin, CCW Compliance Margin, CW Compliance Slope, CCW Compliance Slope, Punch
 """)
+XL320_NAMES = AX_NAMES | pairs("p_gain P Gain; tuning P Gain, I Gain, D Gain")
 X_NAMES = DYNAMIXEL | pairs("""
 voltage Present Input Voltage; least Min Position Limit; most Max Position Limit; mode Operating Mode
 also_required Drive Mode, Profile Acceleration, Profile Velocity, Drive Mode, Drive Mode
 shadow_id Secondary(Shadow) ID; max_torque PWM Limit; soft_torque Goal PWM; speed Profile Velocity
-acceleration Profile Acceleration; watchdog Bus Watchdog
+acceleration Profile Acceleration; watchdog Bus Watchdog; p_gain Position P Gain; offset Homing Offset
+tuning Position P Gain, Position D Gain, Position I Gain, Feedforward 2nd Gain, Feedforward 1st Gain
 """)
 FEETECH_NAMES = DYNAMIXEL | pairs("""
 voltage Present Voltage; least Min Angle Limit; most Max Angle Limit; mode Mode; slow_unit Phase
 also_required Phase, Phase, Angular Resolution; status_level Response Level; speed Goal Speed
 firmware Firmware Major, Firmware Minor; shutdown Unloading Condition; overload_torque Protective Torque
 max_torque Max Torque; torque_limit Torque Limit; soft_torque Torque Limit; acceleration Acc; unlock Lock
+offset Homing Offset; p_gain P; tuning P, D, I, Minimum Startup Force, CW Dead Zone, CCW Dead Zone
 """)
 
 #: Units of a count in the e-Manual and Feetech's tables: A, V, degrees/s and degrees/s^2.
@@ -101,7 +107,7 @@ STS, SCS = rows_of(FEETECH_ROWS) | rows_of(STS_ROWS), rows_of(FEETECH_ROWS) | {"
 VENDORS = {
     "ax12a": (rows_of(AX_ROWS), AX_NAMES),
     "ax18a": (rows_of(AX_ROWS), AX_NAMES),
-    "xl320": (dynamixel_rows("xl320"), AX_NAMES),
+    "xl320": (dynamixel_rows("xl320"), XL320_NAMES),
     "xl330-m077": (dynamixel_rows("xl330_m077"), X_NAMES),
     "xl330-m288": (dynamixel_rows("xl330_m288"), X_NAMES),
     "xl430-w250": (dynamixel_rows("xl430_w250"), X_NAMES),
@@ -116,6 +122,8 @@ def registers(value: Any) -> Iterator[Register]:
     """The registers in a field of a table."""
     if isinstance(value, Register):
         yield value
+    elif isinstance(value, FactoryValue):
+        yield value.register
     elif isinstance(value, RequiredValue):
         yield from (value.register, *value.then_zero)
     elif isinstance(value, tuple):
@@ -162,13 +170,13 @@ def test_the_feetech_sdk_has_the_same_rows(prefix: str, rows: Rows) -> None:
 def test_the_commands_of_lx16a_are_those_of_its_document() -> None:
     """LewanSoul Bus Servo Communication Protocol, table of commands with the length of each packet."""
     written = {1: 7, 13: 4, 20: 7, 29: 7, 31: 4}
-    answered = {14: 4, 21: 7, 23: 7, 25: 4, 26: 4, 27: 5, 28: 5, 30: 7, 32: 4}
+    answered = {14: 4, 19: 4, 21: 7, 23: 7, 25: 4, 26: 4, 27: 5, 28: 5, 30: 7, 32: 4}
     head = 3  # length, command and sum
     assert {command: size + head for command, size in lx16a.WRITE_BYTES.items()} == written
     assert {command: size + head for command, size in lx16a.ANSWER_BYTES.items()} == answered
     by_name = [lx16a.MOVE, lx16a.WRITE_ID, lx16a.WRITE_LIMITS, lx16a.WRITE_MODE, lx16a.WRITE_LOAD]
     assert by_name == list(written)
-    asked = "ID LIMITS VOLTAGE_LIMITS MOST_TEMPERATURE TEMPERATURE VOLTAGE POSITION MODE LOAD"
+    asked = "ID OFFSET LIMITS VOLTAGE_LIMITS MOST_TEMPERATURE TEMPERATURE VOLTAGE POSITION MODE LOAD"
     assert [getattr(lx16a, f"READ_{name}") for name in asked.split()] == list(answered)
 
 
