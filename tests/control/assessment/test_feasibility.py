@@ -233,7 +233,7 @@ def test_projected_feet_are_exact_in_the_stance_that_is_taken(foot_y_m: float, t
 
 @pytest.mark.parametrize("name", ["ant", "freenove-big", "phantomx-ax"])
 def test_a_gait_in_the_file_that_works_is_kept(name: str, tmp_path: Path) -> None:
-    made = imported(tmp_path, mjcf_of(shipped(name)), "own.xml")
+    made = imported(tmp_path, mjcf_of(shipped(name)))
     assert walkable(made).content == made.content
 
 
