@@ -198,7 +198,7 @@ class DriveSession:
                 self._travel.add(state, self.drive.guard.clock.now_s)
                 self._report(devices, state)
             ticks += 1
-        self.drive.stop(self.ended)
+        self.drive.arbiter.stop(self.ended, stands=True)
         for _ in range(LAST_TICKS):
             if self.drive.at_rest:
                 break

@@ -63,12 +63,14 @@ class Decision:
     Attributes:
         source: None without a valid command.
         stopped: a reason, or None.
+        freezes: whether the stop freezes all joints; otherwise the robot comes to a stand.
         pose: a new body pose since the last decision, or None.
     """
 
     velocity: Velocity = ZERO
     source: str | None = None
     stopped: str | None = None
+    freezes: bool = False
     pose: BodyPose | None = None
 
 
@@ -123,6 +125,7 @@ class Arbiter:
             name: VelocitySource(name, now_s, None if name == "motion" else expiry_s) for name in SOURCES
         }
         self._stopped: str | None = None
+        self._freezes = False
         self._pose: BodyPose | None = None
         self._latch = Lock()
 
@@ -137,9 +140,13 @@ class Arbiter:
         """Why the robot is stopped, or None."""
         return self._stopped
 
-    def stop(self, reason: str = "stop") -> None:
-        """Let no velocity through until `clear`; the first reason stays."""
+    def stop(self, reason: str = "stop", *, stands: bool = False) -> None:
+        """Freeze the robot until `clear`, or let it come to a stand; the first reason stays.
+
+        A stop that freezes outweighs one that stands.
+        """
         with self._latch:
+            self._freezes = self._freezes or not stands
             if self._stopped is None:
                 self._stopped = reason
 
@@ -148,7 +155,7 @@ class Arbiter:
         with self._latch:
             for source in self._sources.values():
                 source.forget()
-            self._stopped = self._pose = None
+            self._stopped, self._freezes, self._pose = None, False, None
 
     def pose(self, pose: BodyPose, source: str | None = None) -> bool:
         """Command a body pose, and return whether it is taken.
@@ -166,8 +173,8 @@ class Arbiter:
         """The command of the highest source with a valid one, and a new body pose."""
         with self._latch:
             pose, self._pose = self._pose, None
-        if self._stopped is not None:
-            return Decision(stopped=self._stopped)
+            if self._stopped is not None:
+                return Decision(stopped=self._stopped, freezes=self._freezes)
         return replace(self._followed(), pose=pose)
 
     def _followed(self) -> Decision:

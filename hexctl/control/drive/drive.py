@@ -95,7 +95,7 @@ class Drive:
         self._failures, events = read_failures(failure)
         if events:
             options["events"] = (*options.get("events", ()), *events)
-        self._told = told
+        self._known = self._failures if told else ()
         if hold not in DRIVE_HOLDS:
             raise InputError(f"hold: got {hold}; allowed: {', '.join(DRIVE_HOLDS)}")
         check_type(level, bool, "level")
@@ -227,7 +227,7 @@ class Drive:
         self._connected.sit()
 
     def stop(self, reason: str = "stop") -> None:
-        """Come to a stand now, and follow no command until `stand`. Thread-safe."""
+        """Freeze, also with a leg in the air, and follow no command until `stand`. Thread-safe."""
         self.arbiter.stop(reason)
 
     @property
@@ -244,7 +244,9 @@ class Drive:
         new = self._gait_of(gait)
         if not isinstance(gait, Gait):
             new = replace(new, posture=self._gait.posture)
-        self._use(new)
+        if self._controller is not None:
+            self._controller.change_gait(new)
+        self._gait = new
 
     @property
     def level(self) -> bool:
@@ -289,7 +291,7 @@ class Drive:
 
     @property
     def at_rest(self) -> bool:
-        """Whether it stands or sits, and no target moves."""
+        """Whether no target moves: it stands, sits, or is frozen by a stop."""
         return self._connected.at_rest
 
     @property
@@ -328,10 +330,6 @@ class Drive:
         return self._guard
 
     @property
-    def _known(self) -> tuple[Failure, ...]:
-        return self._failures if self._told else ()
-
-    @property
     def _connected(self) -> DriveController:
         if self._controller is None:
             raise InputError(NOT_CONNECTED)
@@ -353,11 +351,6 @@ class Drive:
         )
         if self._recorders is not None:
             self._recorders.log.controller = self._controller
-
-    def _use(self, gait: Gait) -> None:
-        if self._controller is not None:
-            self._controller.change_gait(gait)
-        self._gait = gait
 
     def _gait_of(self, gait: str | int | Sequence[int] | Gait) -> Gait:
         if isinstance(gait, Gait):

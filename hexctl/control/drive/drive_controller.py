@@ -30,8 +30,9 @@ MODES = ("standing up", "driving", "sitting down", "sitting")
 class DriveController(Controller):
     """Follows an arbiter's velocity and body pose within limits; stands up first, and sits on request.
 
-    With warm servos the velocity is reduced before the guard stops the robot. If the policy stops the robot
-    after a failure, the arbiter is stopped until it is cleared.
+    A stop freezes the robot in any mode: its steps and motions continue where they were once the stop is
+    cleared. With warm servos the velocity is reduced before the guard stops the robot. If the policy stops
+    the robot after a failure, it comes to a stand, and the arbiter is stopped until it is cleared.
 
     Attributes:
         mode: one of `MODES`.
@@ -67,7 +68,7 @@ class DriveController(Controller):
         self.decision = Decision()
         self._limits = VelocityLimits.of(robot, gait)
         self._temperatures, self._pace, self._warm_said = Temperatures(), 1.0, False
-        self._step = self._began = self._held_step = 0
+        self._step = self._began = self._held_step = self._frozen_steps = 0
         self.mode = MODES[0]
         self._sent_rad = start_rad
         self._be("standing up", Stand(robot, start_rad, self._moving_steps))
@@ -117,9 +118,9 @@ class DriveController(Controller):
 
     @property
     def at_rest(self) -> bool:
-        """Whether it stands or sits, and no target moves."""
+        """Whether no target moves: it stands, sits, or is frozen by a stop."""
         stands = self.mode == "driving" and self.walk.at_rest and self._asked_pose is None
-        return self.mode == "sitting" or stands
+        return self.mode == "sitting" or stands or self.decision.freezes
 
     def believed_failures(self, index: int = 0) -> tuple[Failure, ...]:
         """Given and detected failures, by leg."""
@@ -168,15 +169,18 @@ class DriveController(Controller):
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
         """Joint angles at this step, (18,)."""
-        self._step = step
-        self._take_pace(state, step)
         self.decision = self._arbiter.decide()
+        if self.decision.freezes:
+            self._freeze(step)
+            return self._sent_rad
+        step = self._step = step - self._frozen_steps
+        self._take_pace(state, step)
         self._follow_pose()
         if self.mode == "driving":
             self._asked = self._corrected(step, state)
             targets_rad = self._monitored.targets_rad(step - self._began, state)
             if (why := self._monitored.why_stopped()) is not None:
-                self._arbiter.stop(why)
+                self._arbiter.stop(why, stands=True)
             if self._sit_asked and self.walk.at_rest and self.walk.home:
                 end_rad = sitting_angles_rad(self._robot)
                 self._be("sitting down", Stand(self._robot, targets_rad, self._moving_steps, end_rad=end_rad))
@@ -187,10 +191,20 @@ class DriveController(Controller):
         self._sent_rad = targets_rad
         return targets_rad
 
+    def _freeze(self, step: int) -> None:
+        """Let no time pass for walk and motions at this step of the clock."""
+        self._frozen_steps = step - self._step
+        self._follow_pose()
+        self.walk.velocity_body = np.zeros(3)  # the next step puts down feet that are in the air
+        if self._hold is not None:
+            self._hold.forget()
+
     def _follow_pose(self) -> None:
         """Move to a new pose, once it stands; a stop also stops the body."""
-        stopped = self.walk.poser.frozen = self.decision.stopped is not None
-        if stopped or self._sit_asked:
+        if self.decision.stopped is not None:
+            self._asked_pose = None
+            self.walk.poser.give_up_goal()
+        elif self._sit_asked:
             self._asked_pose = None
         elif self.decision.pose is not None:
             self._asked_pose = self.decision.pose

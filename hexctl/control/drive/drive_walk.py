@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hexctl.control.controllers import joints_of_feet, soft_stop_steps
+from hexctl.control.controllers import joints_of_feet
 from hexctl.control.preparation import WalkStart
 from hexctl.control.walks.velocity_walk import FULL_SPEED_S, OVERDRIVE, VelocityWalk
 from hexctl.errors import InputError, check_type
@@ -51,7 +51,7 @@ class DriveWalk(VelocityWalk):
         self.offsets_m: FloatArray = np.zeros_like(self._turning_m)
         self._lifted = 0.0
         self._phases_then = self._u()
-        self._going_home = self._halted = False
+        self._going_home = False
 
     @property
     def at_rest(self) -> bool:
@@ -70,8 +70,8 @@ class DriveWalk(VelocityWalk):
         return self._u() if self._lifted == 1 else None
 
     def go_home(self) -> None:
-        """Step in place until all feet are at their stance positions, once no velocity is commanded."""
-        self._going_home = not self.home
+        """Step in place until all feet are at their stance positions, or a velocity is commanded."""
+        self._going_home = self._lifted > 0 or not self.home
 
     def pose_body(self, pose: BodyPose) -> None:
         """Move the body to a pose over its feet, as far as the legs reach."""
@@ -85,21 +85,13 @@ class DriveWalk(VelocityWalk):
         """Glide to a gait, or to the one that suits the failed legs: phases, heights and posture."""
         self.glide_to(self.suited([gait]))
 
-    def stop(self, step: int) -> int:
-        """Come to a stand within the steps of a soft stop, and ignore commands."""
-        self._halted = self.poser.frozen = True
-        return soft_stop_steps(self._period_s)
-
-    def done(self, step: int, state: RobotState) -> bool:
-        """Whether it was stopped and stands."""
-        return self._halted and self.at_rest
-
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
         """Joint angles at this step, (18,)."""
         dt_s = (step - self._last_step) * self._period_s
         self._last_step = step
-        wanted = np.zeros(3) if self._halted else np.asarray(self._wanted(), dtype=float)
-        stepping = bool(wanted.any()) or (self._going_home and not self._halted)
+        wanted = np.asarray(self._wanted(), dtype=float)
+        self._going_home = self._going_home and not wanted.any()
+        stepping = self._going_home or bool(wanted.any())
         if dt_s > 0:
             self.poser.update(dt_s, state, self._pattern)
             self._accelerate(dt_s, wanted, stepping)
@@ -195,8 +187,7 @@ class DriveWalk(VelocityWalk):
         far = np.hypot(*way_m.T) / np.maximum(most_m * in_air_s, 1e-12)
         moved = lifting_off + way_m / np.maximum(1.0, far)[:, np.newaxis]
         self.offsets_m = np.where(landed, moved + floor_m, moved)
-        if self._going_home and not wanted.any() and self.home:
-            self._going_home = False
+        self._going_home = self._going_home and (bool(self.velocity_body.any()) or not self.home)
 
 
 def _progress(u: FloatArray, begins: float, ends: float) -> FloatArray:

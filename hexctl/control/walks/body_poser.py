@@ -60,7 +60,6 @@ class BodyPoser:
         goals: the commanded poses, as far as the legs reach them, likewise.
         stroke_share: of the longest stroke of a level body that the poses leave, leading shape.
         pose_share: of the commanded pose that the legs reach.
-        frozen: whether the bodies stay as they are, and give up their goal.
     """
 
     def __init__(
@@ -78,7 +77,7 @@ class BodyPoser:
         self._posed = False
         self._level_room: FloatArray = np.ones(shape)[()]
         self.stroke_share: FloatArray = np.ones(shape)[()]
-        self._wanted, self.pose_share, self.frozen = LEVEL, 1.0, False
+        self._wanted, self.pose_share = LEVEL, 1.0
         self._units = np.repeat([1.0, robot.stance_radius_m], 3)
         self._speeds = _pose_speeds(robot, self._units)
 
@@ -99,11 +98,12 @@ class BodyPoser:
         self._wanted, self.pose_share = pose, self.reach(pose, pattern)
         self.goals = np.broadcast_to(self.pose_share * pose.array, self.poses.shape)
 
+    def give_up_goal(self) -> None:
+        """Let the bodies stay as they are, on the way to the goal."""
+        self.goals, self._wanted = self.commanded, BodyPose.of(self.commanded.reshape(-1, 6)[0])
+
     def update(self, dt_s: float, state: RobotState, pattern: StepPattern) -> None:
-        """Move the bodies, `dt_s` after the last update; frozen ones stay as they are."""
-        if self.frozen:
-            self.goals, self._wanted = self.commanded, BodyPose.of(self.commanded.reshape(-1, 6)[0])
-            return
+        """Move the bodies, `dt_s` after the last update."""
         moves = not self.at_rest
         if not (moves or self.level or self._posed or self._wanted != LEVEL):
             return

@@ -19,6 +19,7 @@ from hexctl.gait.posture import STANCE
 from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import FloatArray
+from tests.backends.fake_time import FakeTime
 from tests.control.posed import Faulty
 from tests.robots import shipped
 
@@ -201,6 +202,58 @@ def test_the_body_moves_over_its_feet_a_stop_stops_it_and_a_clear_moves_nothing(
             drive.pose_body(0.1)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("moment", [0, 40, 131, 178, 209, 262, 340, 420])
+def test_a_stop_freezes_every_joint_at_any_moment_and_a_stand_brings_all_feet_home(moment: int) -> None:
+    with Drive(servos=MockServos("ant", clock=FakeTime().clock())) as drive:
+        for tick in range(moment):
+            if tick % 110 == 0:
+                drive.stand()  # also in mid-stride: the next command outweighs it
+            drive.command(forward_m_s=0.08, turn_rad_s=0.1)
+            if tick == 200:
+                drive.pose_body(BodyPose(roll_rad=0.2, up_m=0.02))
+            if tick == 250:
+                drive.gait = replace(drive.gait, posture=replace(STANCE, body_raise=0.03))
+            if tick == 331:
+                drive.sit()
+            drive.step()
+        drive.stop("button")
+        frozen_rad = drive.guard.accepted_rad().copy()
+        for _ in range(60):
+            drive.command(forward_m_s=0.1)
+            drive.pose_body(BodyPose(roll_rad=0.1))
+            drive.step()
+            np.testing.assert_array_equal(drive.guard.accepted_rad(), frozen_rad)
+        assert drive.at_rest
+        assert drive.velocity == Velocity()
+        drive.stand()
+        drive.gait = replace(drive.gait, posture=STANCE)
+        for _ in range(350):
+            before_rad = drive.guard.accepted_rad().copy()
+            drive.step()
+            assert np.abs(drive.guard.accepted_rad() - before_rad).max() < 0.15
+        assert drive.guard.counters.clipped == 0
+        np.testing.assert_allclose(drive.guard.accepted_rad(), drive.robot.stance_angles_rad, atol=0.03)
+
+
+def test_a_stop_for_a_stand_puts_all_feet_down_unless_another_freezes_them() -> None:
+    for freezes in (False, True):
+        with Drive(servos=MockServos("ant", clock=FakeTime().clock())) as drive:
+            drive.command(forward_m_s=0.1)
+            for _ in range(150):
+                drive.step()
+            in_stride_rad = drive.guard.accepted_rad().copy()
+            drive.arbiter.stop("leg 3 limp", stands=True)
+            if freezes:
+                drive.stop("button")
+            drive.arbiter.stop("end", stands=True)
+            for _ in range(10):
+                drive.step()
+            assert drive.at_rest
+            assert drive.stopped == "leg 3 limp"
+            moved_rad = np.abs(drive.guard.accepted_rad() - in_stride_rad).max()
+            assert (moved_rad == 0) == freezes
+
+
 def test_sources_outweigh_the_program_a_stop_outweighs_them_and_ticks_are_recorded() -> None:
     recorders = Recorders()
     with Drive("ant", recorders=recorders) as drive:
@@ -324,7 +377,7 @@ def test_the_highest_source_that_spoke_lately_is_followed_and_a_stop_outweighs_a
         fresh = [one for one in SOURCES if one in said and (one == "motion" or time.ms - said[one][0] <= 500)]
         decision = arbiter.decide()
         if stopped:
-            assert decision == Decision(stopped="stop")
+            assert decision == Decision(stopped="stop", freezes=True)
         elif fresh:
             assert decision == Decision(said[fresh[-1]][1], fresh[-1])
         else:

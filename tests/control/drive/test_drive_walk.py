@@ -122,22 +122,19 @@ def test_feet_go_home_when_told_to_and_not_before() -> None:
     assert not driven.walk.home
     driven.walk.go_home()
     feet = driven.feet(100)
+    driven.walk.go_home()  # in its places already, it does not step
     assert driven.walk.at_rest
     assert driven.walk.home
     np.testing.assert_allclose(feet[-1], driven.robot.stance_feet_body, atol=0.02 * driven.gait.amplitude)
 
 
-def test_it_is_watched_only_while_its_feet_step_at_their_height_and_a_stop_ends_it() -> None:
+def test_it_is_watched_only_while_its_feet_step_at_their_height() -> None:
     driven = Driven()
     driven.feet(10)
     assert driven.walk.leg_phases is None
     driven.wanted = np.array([0.1, 0.0, 0.0])
     driven.feet(60)
     assert driven.walk.leg_phases is not None
-    driven.walk.stop(driven.step)
-    assert not driven.walk.done(driven.step, NOTHING)
-    driven.feet(12)
-    assert driven.walk.done(driven.step, NOTHING)
 
 
 @pytest.mark.slow

@@ -193,15 +193,13 @@ def test_a_pose_out_of_reach_is_scaled_down_and_leaves_room_to_step(name: str, p
     assert legs_that_reach(robot, poser.feet(robot.stance_feet_body)).all()
 
 
-def test_frozen_bodies_stay_and_give_up_their_goal() -> None:
+def test_bodies_that_give_up_their_goal_stay_as_they_are() -> None:
     robot = shipped("ant")
     pattern, poser = StepPattern.of(robot, make_gait(robot, "tripod")), BodyPoser(robot, (), OVERDRIVE)
     poser.move_to(BodyPose(roll_rad=0.2), pattern)
     poser.update(PERIOD_S, state(tilted(0.0)), pattern)
     there = poser.poses
-    poser.frozen = True
-    poser.update(PERIOD_S, state(tilted(0.5)), pattern)
-    poser.frozen = False
+    poser.give_up_goal()
     poser.update(PERIOD_S, state(tilted(0.0)), pattern)
     assert there[0] > 0
     assert (poser.poses == there).all()
