@@ -181,19 +181,8 @@ def health(state: RobotState, *, errors: int) -> list[Any]:
     sent = [common.MAVLink_sys_status_message(0, 0, 0, 0, millivolts, -1, share, 0, errors, 0, 0, 0, 0)]
     if state.battery_v is not None:
         cells = [millivolts, *[UNKNOWN_MV] * 9]
-        sent.append(
-            common.MAVLink_battery_status_message(
-                0,
-                common.MAV_BATTERY_FUNCTION_ALL,
-                common.MAV_BATTERY_TYPE_UNKNOWN,
-                32767,
-                cells,
-                -1,
-                -1,
-                -1,
-                share,
-            )
-        )
+        kind = common.MAV_BATTERY_FUNCTION_ALL, common.MAV_BATTERY_TYPE_UNKNOWN
+        sent.append(common.MAVLink_battery_status_message(0, *kind, 32767, cells, -1, -1, -1, share))
     return sent
 
 

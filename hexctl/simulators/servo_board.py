@@ -31,22 +31,22 @@ RESUME_AFTER_S = 1.5 * EXPIRY_S
 
 
 class OverrideStream:
-    """Time for which overrides of the commander have come without a silence."""
+    """Time for which overrides of the commander have come without a silence, the last one at `at_s`."""
 
     def __init__(self, silence_s: float = EXPIRY_S) -> None:
         self._silence_s = silence_s
-        self._since_s = self._at_s = float("-inf")
+        self._since_s = self.at_s = float("-inf")
 
     def note(self, at_s: float) -> None:
         """Note an override."""
-        if at_s - self._at_s > self._silence_s:
+        if at_s - self.at_s > self._silence_s:
             self._since_s = at_s
-        self._at_s = at_s
+        self.at_s = at_s
 
     @property
     def steady(self) -> bool:
         """Whether overrides have come long enough for a present controller."""
-        return self._at_s - self._since_s >= RESUME_AFTER_S
+        return self.at_s - self._since_s >= RESUME_AFTER_S
 
 
 class Channels:
@@ -94,13 +94,17 @@ def _released_and_driven(raw: list[int]) -> tuple[BoolArray, BoolArray]:
     return released, ~ignored & ~released
 
 
-#: Most peers that the board answers at one time.
+#: Most peers that the board answers at one time; others wait for a place.
 MOST_PEERS = 8
+
+#: A new peer keeps its place for so long: enough to show that it receives states.
+PROVE_S = 0.5
 
 #: A peer is dropped after this silence.
 FORGET_AFTER_S = 5.0
 
-#: The commander loses the board to the next peer that commands after this silence; heartbeats come at 1 Hz.
+#: The commander loses the board to the next peer that commands after this silence, and a peer its place to
+#: one that waits if it has not shown for so long that it receives states; heartbeats come at 1 Hz.
 FREE_AFTER_S = 2.5
 
 
@@ -110,6 +114,7 @@ class Peer:
 
     Attributes:
         address: where it sends from, None on a stream.
+        since_s: time of its first frame.
         heard_at_s: time of its last frame.
         refused_at_s: when it was last informed that another peer commands.
         present_at_s: when a heartbeat showed last that it receives the states of now.
@@ -119,6 +124,7 @@ class Peer:
     address: Address
     system: int
     component: int
+    since_s: float
     heard_at_s: float
     refused_at_s: float = float("-inf")
     present_at_s: float = float("-inf")
@@ -129,9 +135,17 @@ class Peer:
         """Address, system and component that it sends from."""
         return self.address, self.system, self.component
 
+    @property
+    def keeps_until_s(self) -> float:
+        """Time until which it keeps its place although others wait."""
+        return max(self.since_s + PROVE_S, self.present_at_s + FREE_AFTER_S)
+
 
 class Peers:
-    """Recently heard peers, the one that commands, or None, and the number of dropped ones, `crowded_out`."""
+    """Recently heard peers, the one that commands, or None, and frames without a place, `crowded_out`.
+
+    Whoever commands or receives keeps its place: crowds of senders wait.
+    """
 
     def __init__(self) -> None:
         self._known: dict[tuple[Address, int, int], Peer] = {}
@@ -153,26 +167,22 @@ class Peers:
         """Addresses of all peers; None for a stream."""
         return list(dict.fromkeys(peer.address for peer in self._known.values()))
 
-    def hear(self, address: Address, system: int, component: int, at_s: float) -> tuple[Peer, bool]:
-        """Peer that sent a frame, and whether it is new."""
-        for peer in [peer for peer in self._known.values() if at_s - peer.heard_at_s > FORGET_AFTER_S]:
+    def hear(self, address: Address, system: int, component: int, at_s: float) -> tuple[Peer | None, bool]:
+        """Peer that sent a frame, None while it has to wait for a place; and whether it is new."""
+        for peer in [peer for peer in self._others() if at_s - peer.heard_at_s > FORGET_AFTER_S]:
             self._drop(peer)
-        place, commander = (address, system, component), self.commander
+        place = address, system, component
         if (known := self._known.get(place)) is not None:
             known.heard_at_s = at_s
             return known, False
         if len(self._known) >= MOST_PEERS:
-            # Drop the peer with the longest silence: a flood of senders must not lock out a commander.
-            others = [peer for peer in self._known.values() if peer is not commander]
-            self._drop(min(others, key=lambda peer: peer.heard_at_s))
-            self.crowded_out += 1
-        peer = Peer(address, system, component, at_s)
-        if commander is not None and commander.place == place:
-            # It was silent for so long that it was dropped, and its frames were counted.
-            peer = commander
-            peer.heard_at_s, peer.sequence = at_s, SequenceCount()
-        self._known[place] = peer
-        return peer, True
+            least = min(self._others(), key=lambda peer: peer.keeps_until_s)
+            if at_s <= least.keeps_until_s:
+                self.crowded_out += 1
+                return None, False
+            self._drop(least)
+        self._known[place] = Peer(address, system, component, at_s, at_s)
+        return self._known[place], True
 
     def may_command(self, peer: Peer, at_s: float) -> bool:
         """Whether a peer commands, or may begin to because no other peer does."""
@@ -184,6 +194,9 @@ class Peers:
         self._drop(peer)
         if peer is self.commander:
             self.commander = None
+
+    def _others(self) -> list[Peer]:
+        return [peer for peer in self._known.values() if peer is not self.commander]
 
     def _drop(self, peer: Peer) -> None:
         del self._known[peer.place]
@@ -229,13 +242,9 @@ class ServoBoard(RunningBoard):
         expiry_s: float = EXPIRY_S,
         release_after_s: float = RELEASE_AFTER_S,
     ) -> None:
-        codec = Codec(
-            mavlink_messages.BOARD_SYSTEM, mavlink_messages.BOARD_COMPONENT, signing_key=signing_key
-        )
-        self._guard, self._link = (
-            Guard(servos, expiry_s=expiry_s),
-            MavlinkLink(port, codec, time=servos.clock.time),
-        )
+        own = mavlink_messages.BOARD_SYSTEM, mavlink_messages.BOARD_COMPONENT
+        self._guard = Guard(servos, expiry_s=expiry_s)
+        self._link = MavlinkLink(port, Codec(*own, signing_key=signing_key), time=servos.clock.time)
         super().__init__(self._guard, self._link)
         self._map = servo_map
         self._release_after_s = release_after_s
@@ -261,16 +270,20 @@ class ServoBoard(RunningBoard):
         }
 
     def _serve(self, timeout_s: float) -> None:
-        for frame, sender, at_s in self._link.receive(timeout_s):
+        arrivals = self._link.receive(timeout_s)
+        if arrivals and self._commanded and arrivals[0][2] - self._overrides.at_s > self._expiry_s:
+            self._read()  # this program may have stood still: what waited in the port is old
+        for frame, sender, at_s in arrivals:
             self._handle(frame, sender, at_s)
 
     def _handle(self, frame: Frame, sender: Address, at_s: float) -> None:
         """Execute or answer one frame; no frame may end the loop."""
         peer, new = self._peers.hear(sender, frame.system, frame.component, at_s)
-        if not peer.sequence.in_order(frame.sequence, at_s):
+        if peer is None or not peer.sequence.in_order(frame.sequence, at_s):
             return
         if new:
-            self._introduce(peer)
+            for message in self._introduction(self._guard.peek().measured):
+                self._link.send(message, peer.address)
         if peer is self._peers.commander:
             self._heard_at_s = at_s
         if frame.kind == "RC_CHANNELS_OVERRIDE" and for_us(frame.message):
@@ -341,13 +354,18 @@ class ServoBoard(RunningBoard):
         self._commanded = False
 
     def _tick(self) -> None:
+        state = self._read()
+        if self._time.now() - self._heard_at_s > self._release_after_s:
+            if self._commanded:
+                self._release()
+            self._peers.commander = None
+        self._send_to_all(self._telemetry(state))
+
+    def _read(self) -> RobotState:
         expired_before = self._guard.stopped == "expired"
         state = self._guard.read()
         self.counts["expired"] += not expired_before and self._guard.stopped == "expired"
-        if self._commanded and self._time.now() - self._heard_at_s > self._release_after_s:
-            self._release()
-            self._peers.commander = None
-        self._send_to_all(self._telemetry(state))
+        return state
 
     def _telemetry(self, state: RobotState) -> list[Any]:
         """Messages for a state, and periodically for the health of the board."""
@@ -368,10 +386,6 @@ class ServoBoard(RunningBoard):
         if self._guard.stopped not in (None, "expired"):
             sent.append(board_messages.text(WARNING_SEVERITY, f"stopped: {self._guard.stopped}"))
         return sent
-
-    def _introduce(self, peer: Peer) -> None:
-        for message in self._introduction(self._guard.peek().measured):
-            self._link.send(message, peer.address)
 
     def _system_state(self) -> int:
         if self._guard.stopped is not None:

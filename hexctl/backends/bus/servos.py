@@ -206,7 +206,9 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             if first:
                 check_no_unexpected_ids(line, self._map, found)
             self._check_models(bus, found)
-            notes = self._set_up(bus, found & ~self._on(bus, found)) + self._stored(bus, found)
+            unpowered = np.flatnonzero(found & ~self._on(bus, found)).tolist()
+            notes = self._grouped({joint: bus.servos[joint].set_up() for joint in unpowered})
+            notes += self._stored(bus, found)
             self._notes = (*noise, *notes, *lost_id_notes(bus, self._map, found))
         except BaseException:
             line.close()
@@ -243,10 +245,6 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             return "check `model` in the robot file; or do the servos need another driver?"
         which = " or ".join(names)
         return f"it is of the model {which}: `model: {names[0]}` in the robot file"
-
-    def _set_up(self, bus: ServoBus, joints: BoolArray) -> list[str]:
-        """Configure the unpowered servos of some joints, (18,); return notes on changes."""
-        return self._grouped({joint: bus.servos[joint].set_up() for joint in np.flatnonzero(joints).tolist()})
 
     def _grouped(self, notes: Mapping[int, Sequence[str]]) -> list[str]:
         """Notes on joints: each once, with the names of all joints that it is about."""

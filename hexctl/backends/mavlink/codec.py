@@ -2,9 +2,11 @@
 
 import hashlib
 import hmac
+import re
 import secrets
 import struct
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,10 +14,13 @@ from typing import Any
 from pymavlink.dialects.v20 import common
 
 from hexctl.errors import InputError
-from hexctl.files import folder_trouble, read_key, write_new
+from hexctl.files import atomic_write, folder_trouble, read_file, read_key, state_folder, write_new
 
 #: First byte of a MAVLink 2 frame, length of its header, its checksum, and its signature.
 MAGIC, HEADER, CHECKSUM, SIGNATURE = 0xFD, 10, 2, 13
+
+#: A heartbeat of MAVLink 1: magic, length, sequence, system, component, kind, and the version at its end.
+HEARTBEAT_1 = re.compile(rb"\xfe\x09...\x00.{8}\x03", re.DOTALL)
 
 #: The only flag a receiver may meet that changes how a frame is read.
 SIGNED = 0x01
@@ -50,22 +55,35 @@ class Frame:
 class Codec:
     """Encoder and decoder of one end.
 
-    MAVLink 1 is not understood. A wrong checksum costs only the first byte: garbage cannot hide a good frame.
-    With a key, unsigned frames are refused; without one, signed frames are. `malformed` counts runs of
-    undecodable bytes, and damaged or wrongly signed frames.
+    MAVLink 1 is not understood: `of_mavlink_1` counts its heartbeats. A wrong checksum costs only the first
+    byte, so garbage cannot hide a good frame. With a key, unsigned frames are refused; without one, signed
+    frames are. `malformed` counts runs of undecodable bytes, and damaged or wrongly signed frames.
+
+    Receivers refuse time stamps that do not grow. `stamp_file` keeps the last one from program to program,
+    because the clock may be put back meanwhile.
     """
 
-    def __init__(self, system: int, component: int, *, signing_key: bytes | None = None) -> None:
+    def __init__(
+        self, system: int, component: int, *, signing_key: bytes | None = None, stamp_file: Path | None = None
+    ) -> None:
         if signing_key is not None and len(signing_key) != KEY_BYTES:
             raise InputError(f"signing key: got {len(signing_key)} bytes; allowed: {KEY_BYTES}")
-        self.malformed = 0
+        self.malformed = self.of_mavlink_1 = 0
         self._mavlink = _Mavlink(None, system, component)
         self._waiting = bytearray()
         self._in_garbage = False
         if signing_key is not None:
             self._mavlink.signing.secret_key = signing_key
             self._mavlink.signing.sign_outgoing = True
-            self._mavlink.signing.timestamp = _stamp_now()
+            self._mavlink.signing.timestamp = max(_stamp_now(), _stamp_in(stamp_file) + 1)
+        self._stamp_file = stamp_file
+
+    def keep_stamp(self) -> None:
+        """Write the last time stamp to its file, if there is one; a full disk is no error."""
+        if self._stamp_file is not None:
+            with suppress(OSError):
+                self._stamp_file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+                atomic_write(self._stamp_file, f"{self._mavlink.signing.timestamp}\n")
 
     def encode(self, message: Any, sequence: int) -> bytes:
         """The frame of a message; its sequence number counts modulo 256."""
@@ -96,6 +114,7 @@ class Codec:
             start = data.find(MAGIC, at)
             if start != at and at < len(data):
                 self._garbage()
+                self.of_mavlink_1 += len(HEARTBEAT_1.findall(data, at, start if start > at else len(data)))
             if start < 0:
                 return frames, len(data)
             at = start
@@ -140,6 +159,19 @@ def _frame_length(data: bytearray, at: int) -> int | None:
 
 def _stamp_now() -> int:
     return int((time.time() - EPOCH_2015_S) * STAMPS_PER_S)
+
+
+def _stamp_in(file: Path | None) -> int:
+    """Time stamp in a file, below the upper half of its 48 bits; 0 without a valid one."""
+    try:
+        return 0 if file is None else int(read_file(file, 20)) % (1 << 47)
+    except (OSError, ValueError):
+        return 0
+
+
+def stamp_file_of(key: bytes | None) -> Path | None:
+    """File of the last time stamp that this user signed with a key."""
+    return None if key is None else state_folder() / f"mavlink-{hashlib.sha256(key).hexdigest()[:16]}.stamp"
 
 
 class _Mavlink(common.MAVLink):  # type: ignore[misc]  # pymavlink has no types

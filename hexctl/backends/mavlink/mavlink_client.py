@@ -2,8 +2,10 @@
 
 import math
 import threading
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,7 @@ import numpy as np
 
 from hexctl.backends.clock import Clock, WallClock, request_realtime_priority
 from hexctl.backends.mavlink import mavlink_messages
-from hexctl.backends.mavlink.codec import Codec, Frame
+from hexctl.backends.mavlink.codec import Codec, Frame, stamp_file_of
 from hexctl.backends.mavlink.mavlink_transport import (
     Address,
     LinkCounters,
@@ -48,7 +50,7 @@ PHASE = 0.5
 #: long: otherwise it takes the first overrides for late ones.
 PAUSE_S, RESUMES_S = 0.1, 0.4
 
-#: Period of heartbeats before and after a board has answered.
+#: Period of heartbeats before and after the first outputs of a board.
 SEARCH_PERIOD_S, HEARTBEAT_PERIOD_S = 0.2, 1.0
 
 #: How long the receiving thread blocks before it checks whether a heartbeat is due.
@@ -118,6 +120,7 @@ class Receiver:
         self._link.time.join(self._thread)
         if self.peer is not None and self.error is None:
             self._beat(mavlink_messages.POWEROFF)
+        self._link.codec.keep_stamp()
 
     def newest(self, name: str) -> Stamped | None:
         """Newest value with this name, or None before the first."""
@@ -141,9 +144,8 @@ class Receiver:
             self.counters.dropped = self._link.port.dropped
             if self._link.time.now() >= beat_at_s:
                 self._beat(mavlink_messages.ACTIVE)
-                beat_at_s = self._link.time.now() + (
-                    SEARCH_PERIOD_S if self.peer is None else HEARTBEAT_PERIOD_S
-                )
+                searches = self.newest("outputs") is None
+                beat_at_s = self._link.time.now() + (SEARCH_PERIOD_S if searches else HEARTBEAT_PERIOD_S)
 
     def _beat(self, state: int) -> None:
         try:
@@ -255,14 +257,21 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
             mavlink_messages.CONTROLLER_SYSTEM,
             mavlink_messages.CONTROLLER_COMPONENT,
             signing_key=self._signing_key,
+            stamp_file=stamp_file_of(self._signing_key),
         )
         self._link = MavlinkLink(port, codec, time=self._clock.time)
         self._receiver = Receiver(self._link, self.counters)
         self._battery_at_s, self._voltages_v = -math.inf, tuple[float, ...]()
         self._receiver.start()
         opening.callback(self._receiver.stop)
-        self._peer = self._await_peer()
-        self._await_outputs()
+        self._peer = self._await(lambda: self._receiver.peer, self._no_heartbeat)
+        outputs = self._await(
+            lambda: self._receiver.newest("outputs"),
+            f"the servo board at {self._port} sends no ACTUATOR_OUTPUT_STATUS with pulses in microseconds; "
+            "see docs/reference/mavlink.md",
+        )
+        if self._wall is not None:
+            self._wall.begin(outputs.at_s - self._clock.period_s * PHASE)  # between the board's states
 
     def disable_torque(self) -> bool:
         """Release all servos until the next targets."""
@@ -296,12 +305,14 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
         if self._receiver.error is not None:
             raise RobotFaultError(self._gone(reason_of(self._receiver.error)))
 
-    def _await_peer(self) -> Peer:
-        def peer() -> Peer | None:
-            self._check_port()
-            return self._receiver.peer
+    def _await(self, find: Callable[[], Any], silence: str | Callable[[], str]) -> Any:
+        """What the board is about to send; raises RobotFaultError with `silence` if it does not come."""
 
-        return wait_for(peer, CONNECT_TIMEOUT_S, self._no_heartbeat, poll_s=0.002, time=self._clock.time)
+        def found() -> Any:
+            self._check_port()
+            return find()
+
+        return wait_for(found, CONNECT_TIMEOUT_S, silence, poll_s=0.002, time=self._clock.time)
 
     def _no_heartbeat(self) -> str:
         if self._receiver.wrong_type is not None:
@@ -309,26 +320,16 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
                 f"a MAVLink system of type {self._receiver.wrong_type} is at {self._port}, no servo "
                 "board; allowed: MAV_TYPE 0 or 18, see docs/reference/mavlink.md"
             )
+        if self._link.codec.of_mavlink_1:
+            return f"the board at {self._port} speaks MAVLink 1; set its port to MAVLink 2"
         heard = f"{self._link.received_bytes} bytes came, {self.counters.malformed} runs of them no MAVLink 2"
+        signed = "has it no signing key"
+        if self._signing_key is not None:
+            signed = f"has it the same signing key, and is this computer's clock right ({datetime.now():%c})"
         return (
             f"no heartbeat of a servo board at {self._port} within {CONNECT_TIMEOUT_S:g} s ({heard}); "
-            "is it on, are port and baud rate right, and has it the same signing key, or none?"
+            f"is it on, are port and baud rate right, {signed}?"
         )
-
-    def _await_outputs(self) -> None:
-        """Wait for the board's servo positions, and put the ticks of this end between its states."""
-
-        def first_outputs() -> Stamped | None:
-            self._check_port()
-            return self._receiver.newest("outputs")
-
-        message = (
-            f"the servo board at {self._port} sends no ACTUATOR_OUTPUT_STATUS with pulses in "
-            "microseconds; see docs/reference/mavlink.md"
-        )
-        outputs = wait_for(first_outputs, CONNECT_TIMEOUT_S, message, poll_s=0.002, time=self._clock.time)
-        if self._wall is not None:
-            self._wall.begin(outputs.at_s - self._clock.period_s * PHASE)
 
     def _newest(self) -> RobotState:
         self._check_port()

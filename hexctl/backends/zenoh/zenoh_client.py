@@ -6,7 +6,7 @@ import re
 import socket
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Self
 
@@ -117,12 +117,6 @@ def granted(answer: Mapping[str, Any]) -> tuple[bytes, int, float]:
     )
 
 
-def state_before(answer: Mapping[str, Any]) -> int:
-    """Number of the newest state before the lease; 0 if invalid."""
-    state = answer.get("state")
-    return state if type(state) is int and state > 0 else 0
-
-
 class LeaseClient:
     """Holds the lease of a robot from `acquire` to `release`, renewing it at a third of its time.
 
@@ -156,7 +150,8 @@ class LeaseClient:
         """Take the lease; raises RobotFaultError that names its holder or the reason of a refusal."""
         answer = self._query_lease()
         self.lease_id, self.sequence, self._duration_s = granted(answer)
-        self.after_state = state_before(answer)
+        state = answer.get("state")
+        self.after_state = state if type(state) is int and state > 0 else 0
         self._renewal = threading.Thread(target=self._renew, name="lease", daemon=True)
         self._renewal.start()
 
@@ -322,39 +317,14 @@ class ZenohServos(TickedServos):
             self._lease.pause_watchdog(self._sequence)
 
     def _check_robot(self, session: zenoh.Session) -> None:
-        silence = (
-            f"no robot called {self._robot.name} answers at {self._link.endpoint}; "
-            f"is hexctl serve running there, with the same {argument('robot')}?"
-        )
-        try:
-            answers = ask_until(session, self._keys.describe, timeout_s=DESCRIBE_TIMEOUT_S, silence=silence)
-        except RobotFaultError as error:
-            if others := self._others_there(session):
-                raise RobotFaultError(
-                    f"no robot called {self._robot.name} answers at {self._link.endpoint}; there "
-                    f"{'is' if len(others) == 1 else 'are'} {', '.join(others)}; allowed: "
-                    f"{argument('robot')} {others[0]}, or its file"
-                ) from error
-            raise
-        if len(answers) > 1:
-            raise RobotFaultError(
-                f"{len(answers)} robots called {self._robot.name} answer at {self._link.endpoint}; "
-                "give them different names"
-            )
-        check_same_robot(answers[0], self._robot)
-        status = status_of(answers[0])
+        answer = robot_at(session, self._link, self._robot.name)
+        check_same_robot(answer, self._robot)
+        status = status_of(answer)
         identity = RobotIdentity.of_answer(status)
         check_may_command(identity, self._link)
         self.identity = identity
         simulated = status.get("simulated")
         self.simulated = simulated if isinstance(simulated, dict) else None
-
-    def _others_there(self, session: zenoh.Session) -> list[str]:
-        any_robot, names = self._link.keys(ANY_ROBOT), set()
-        for answer in ask(session, any_robot.describe):
-            with suppress(RobotFaultError):
-                names.add(robot_of(answer).name)
-        return sorted(names - {self._robot.name})
 
     def _check_ours(self, state: RobotState) -> None:
         """Raise RobotFaultError when the lease is lost; a state with the reason, a stop, may still arrive."""
@@ -379,33 +349,37 @@ class ZenohServos(TickedServos):
 def linked_robot(
     link: Link, role: Role, name: str | None = None, *, first: bool = False
 ) -> Iterator[tuple[zenoh.Session, Robot]]:
-    """Session on a link, and its robot: the one called `name`, or else the only one.
+    """Session on a link, and its robot; arguments and errors are those of `robot_at`."""
+    with open_session(link, role, link.keys(ANY_ROBOT if name is None else name)) as session:
+        yield session, robot_of(robot_at(session, link, name, first=first))
 
-    With `first` it is the first that answers. Raises RobotFaultError if no robot answers or several have the
-    name, and InputError if several answer or none of them has the name.
+
+def robot_at(session: zenoh.Session, link: Link, name: str | None, *, first: bool = False) -> dict[str, Any]:
+    """Description of the robot called `name` at a link, or else of the only one, or the first that answers.
+
+    Raises RobotFaultError if no robot answers or several have the name, and InputError if several answer or
+    none of them has the name.
     """
-    asked = link.keys(ANY_ROBOT if name is None else name)
-    with open_session(link, role, asked) as session:
-        silence = f"no robot answers at {link.endpoint}; is hexctl serve running there?"
-        try:
-            answers = ask_until(session, asked.describe, timeout_s=DESCRIBE_TIMEOUT_S, silence=silence)
-        except RobotFaultError:
-            others = [] if name is None else ask(session, link.keys(ANY_ROBOT).describe)
-            if not others:
-                raise
-            raise _not_one(f"{name}", [robot_of(answer) for answer in others]) from None
-        robots = [robot_of(answer) for answer in answers]
-        if len(robots) > 1 and name is not None:
-            raise RobotFaultError(
-                f"{len(robots)} robots called {name} answer at {link.endpoint}; give them different names"
-            )
-        if len(robots) > 1 and not first:
-            raise _not_one("none", robots)
-        yield session, robots[0]
+    asked = link.keys(ANY_ROBOT if name is None else name).describe
+    silence = f"no robot answers at {link.endpoint}; is hexctl serve running there?"
+    try:
+        answers = ask_until(session, asked, timeout_s=DESCRIBE_TIMEOUT_S, silence=silence)
+    except RobotFaultError:
+        others = [] if name is None else ask(session, link.keys(ANY_ROBOT).describe)
+        if not others:
+            raise
+        raise _not_one(f"{name}", others) from None
+    if len(answers) > 1 and name is not None:
+        raise RobotFaultError(
+            f"{len(answers)} robots called {name} answer at {link.endpoint}; give them different names"
+        )
+    if len(answers) > 1 and not first:
+        raise _not_one("none", answers)
+    return answers[0]
 
 
-def _not_one(got: str, there: list[Robot]) -> InputError:
-    names = ", ".join(sorted(robot.name for robot in there))
+def _not_one(got: str, there: list[dict[str, Any]]) -> InputError:
+    names = ", ".join(sorted(robot_of(answer).name for answer in there))
     return InputError(f"{argument('robot')}: got {got}, and there are: {names}; allowed: one of them")
 
 
