@@ -36,6 +36,7 @@ class PosedMock(MockServos):
         self.temperatures_c: FloatArray | None = None
         self.age_s, self.healthy, self.frozen = 0.0, True, False
         self.fault: str | None = None
+        self.own_stop: str | None = None
         self._broken: Exception | None = None
 
     def connect(self) -> None:
@@ -55,6 +56,7 @@ class PosedMock(MockServos):
             age_s=self.age_s,
             healthy=self.healthy,
             fault=self.fault,
+            stopped=self.own_stop,
             servos=servos,
         )
 

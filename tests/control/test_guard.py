@@ -473,10 +473,22 @@ def test_a_servo_that_is_too_hot_stops_the_robot_which_may_then_sit(
             guard.write_while_timed_out(JointTargets(STANCE, guard.clock.now_s))
 
 
-@pytest.mark.parametrize(("fault", "stopped"), [(None, "fault"), ("low battery", "fault: low battery")])
-def test_a_fault_that_the_robot_reports_stops_it(fault: str | None, stopped: str) -> None:
+@pytest.mark.parametrize(
+    ("said", "stopped"),
+    [
+        ({"healthy": False}, "fault"),
+        ({"healthy": False, "fault": "low battery"}, "fault: low battery"),
+        ({"own_stop": "fell"}, "fell"),
+    ],
+)
+def test_a_fault_or_a_stop_that_the_robot_reports_stops_it_until_it_is_cleared(
+    said: dict[str, object], stopped: str
+) -> None:
     guard, servos = connected()
-    servos.healthy, servos.fault = False, fault
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in said.items():
+            patch.setattr(servos, name, value)
+        guard.read()
     guard.read()
     assert guard.stopped == stopped
     with pytest.raises(EStopError):

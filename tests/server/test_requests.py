@@ -5,12 +5,13 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
-from hexctl.server.leases import LeaseManager
+from hexctl.server.leases import Lease, LeaseManager
 from hexctl.server.requests import MOST_CHANGES, RequestHandler
 from hexctl.server.stops.latch import StopLatch
 from hexctl.server.transport import MOST_WAITING, QUERIES, Inbox
@@ -121,6 +122,22 @@ def test_silence_is_lifted_by_a_new_lease_and_every_other_stop_is_not(
         guard.stop(reason)
         assert reason in str(ask(desk, 10.0, op="acquire", owner="bob")["error"])
         assert guard.stopped == reason
+
+
+def test_a_stop_in_the_instant_of_a_lease_leaves_none(
+    guard: Guard, desk: RequestHandler, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grant = desk.leases.acquire
+
+    def interrupted(*asked: Any) -> Lease:
+        lease = grant(*asked)
+        desk.urgent(b"")
+        return lease
+
+    monkeypatch.setattr(desk.leases, "acquire", interrupted)
+    assert "estop" in str(ask(desk, op="acquire", owner="alice")["error"])
+    assert desk.leases.holder(0.0) is None
+    assert guard.stopped == "estop"
 
 
 def clear(desk: RequestHandler, *, after_s: float = HOLD_S) -> dict[str, object]:

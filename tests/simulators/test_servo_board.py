@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import common
 
 from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec
+from hexctl.backends.mock import MockServos
 from hexctl.errors import CommandRefusedError
 from hexctl.robot.servos.servo_map import default_servo_map
 from hexctl.simulators.board_messages import PARAMETER, answers
@@ -18,12 +19,15 @@ from hexctl.simulators.servo_board import (
     FORGET_AFTER_S,
     FREE_AFTER_S,
     MOST_PEERS,
+    PROVE_S,
     Channels,
     OverrideStream,
     Peers,
+    ServoBoard,
 )
 from hexctl.types import FloatArray
-from tests.backends.mavlink.boards import MemoryBoard, fitting_map, memory_board
+from tests.backends.fake_time import FakeTime
+from tests.backends.mavlink.boards import MemoryBoard, MemoryPort, fitting_map, memory_board
 from tests.backends.mavlink.clients import Client
 from tests.robots import shipped
 
@@ -237,18 +241,47 @@ def test_a_board_with_a_key_obeys_signed_frames_only(tmp_path: Path) -> None:
     assert (report["malformed"], report["of_others"]) == (5, 0)
 
 
-def test_a_flood_of_senders_does_not_keep_out_who_commands() -> None:
+def test_in_a_flood_of_senders_who_commands_or_receives_keeps_its_place_and_others_wait() -> None:
     peers = Peers()
-    commander, new = peers.hear("commander", 255, 191, 0.0)
+    peers.commander, _ = peers.hear("commander", 255, 191, 0.0)
+    present, new = peers.hear("present", 255, 191, 0.0)
+    assert present is not None
     assert new
-    peers.commander = commander
+    present.present_at_s = 0.0
     for number in range(10 * MOST_PEERS):
         peers.hear(f"flood {number}", 9, 9, 0.001 * number)
-    assert len(peers.addresses()) == MOST_PEERS
-    assert peers.hear("commander", 255, 191, 1.0) == (commander, False)
-    late, _ = peers.hear("late", 255, 191, 1.0)
-    assert not peers.may_command(late, 1.0)
-    assert peers.may_command(late, 1.0 + FREE_AFTER_S + 0.1)
+    assert peers.addresses() == ["commander", "present", *(f"flood {each}" for each in range(MOST_PEERS - 2))]
+    assert peers.hear("late", 255, 191, 0.9 * PROVE_S) == (None, False)
+    late, new = peers.hear("late", 255, 191, 1.1 * PROVE_S)
+    assert late is not None
+    assert new
+    assert peers.hear("commander", 255, 191, 2.4) == (peers.commander, False)
+    assert peers.hear("present", 255, 191, 2.4) == (present, False)
+    assert not peers.may_command(late, 2.4)
+    for number in range(MOST_PEERS):
+        peers.hear(f"flood {number}", 9, 9, FREE_AFTER_S + 0.1)
+    assert peers.addresses()[0] == "commander"
+    assert "present" not in peers.addresses()
+    assert peers.may_command(late, 2.4 + FREE_AFTER_S + 0.1)
+
+
+def test_a_board_that_returns_from_a_standstill_executes_nothing_that_waited(tmp_path: Path) -> None:
+    port = MemoryPort(FakeTime())
+    board = ServoBoard(MockServos(shipped(), clock=port.time.clock()), fitting_map(tmp_path), port)
+    controller = Client(port.peer())
+    stance = fitting_map(tmp_path).to_us(shipped().stance_angles_rad)
+    with board._guard as guard:
+        guard.clock.tick()
+        controller.say(mavlink_messages.override(stance, 1, 1))
+        board._serve(0.0)
+        board._tick()
+        before_rad = guard.accepted_rad().copy()
+        for _ in range(10):
+            controller.say(mavlink_messages.override(stance + 30, 1, 1))
+        port.time.work(1.0)
+        board._serve(0.0)
+        assert (guard.accepted_rad() == before_rad).all()
+        assert (board.counts["not_yet"], board.counts["expired"]) == (10, 1)
 
 
 # Channels: what overrides drive, leave, release and refuse.

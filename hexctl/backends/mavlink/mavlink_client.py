@@ -50,7 +50,7 @@ PHASE = 0.5
 #: long: otherwise it takes the first overrides for late ones.
 PAUSE_S, RESUMES_S = 0.1, 0.4
 
-#: Period of heartbeats before and after the first outputs of a board.
+#: Period of heartbeats before and after a board has answered.
 SEARCH_PERIOD_S, HEARTBEAT_PERIOD_S = 0.2, 1.0
 
 #: How long the receiving thread blocks before it checks whether a heartbeat is due.
@@ -144,8 +144,8 @@ class Receiver:
             self.counters.dropped = self._link.port.dropped
             if self._link.time.now() >= beat_at_s:
                 self._beat(mavlink_messages.ACTIVE)
-                searches = self.newest("outputs") is None
-                beat_at_s = self._link.time.now() + (SEARCH_PERIOD_S if searches else HEARTBEAT_PERIOD_S)
+                period_s = SEARCH_PERIOD_S if self.peer is None else HEARTBEAT_PERIOD_S
+                beat_at_s = self._link.time.now() + period_s
 
     def _beat(self, state: int) -> None:
         try:

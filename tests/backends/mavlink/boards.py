@@ -152,7 +152,9 @@ class MemoryBoard:
         return self.board.report()
 
 
-class _OnMemory(MavlinkServos):
+class OnMemory(MavlinkServos):
+    """A client at a port in memory."""
+
     memory_port: MemoryPort
 
     def _open_all(self, opening: ExitStack) -> None:
@@ -162,10 +164,10 @@ class _OnMemory(MavlinkServos):
 
 def servos_on(
     port: MemoryPort, servo_map: ServoMap, *, name: str = "controller", key: bytes | None = None
-) -> MavlinkServos:
+) -> "OnMemory":
     """A client of the board at a port in memory, not connected."""
     clock = port.time.clock()
-    servos = _OnMemory(shipped(), servo_map=servo_map, port="udpout:here:1", clock=clock, signing_key=key)
+    servos = OnMemory(shipped(), servo_map=servo_map, port="udpout:here:1", clock=clock, signing_key=key)
     servos.memory_port = port.peer(name)
     return servos
 

@@ -5,6 +5,7 @@ import re
 import socket
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -119,11 +120,17 @@ def valid_frame(draw: random.Random, kind: int) -> bytes:
     return hand_made(kind, crc_extra, payload, draw.randrange(256), 9, 9)
 
 
-def test_mavlink_1_is_not_understood() -> None:
-    frame = mavlink_messages.override(PULSES, 1, 1).pack(common.MAVLink(None, 255, 191), force_mavlink1=True)
-    codec = Codec(1, 1)
-    assert codec.decode(frame, whole=True) == []
-    assert codec.malformed == 1
+def frame_of_mavlink_1(message: Any) -> bytes:
+    frame: bytes = message.pack(common.MAVLink(None, 1, 1), force_mavlink1=True)
+    return frame
+
+
+def test_mavlink_1_is_not_understood_and_its_heartbeats_are_counted() -> None:
+    codec, heartbeat = Codec(1, 1), mavlink_messages.controller_heartbeat()
+    assert codec.decode(frame_of_mavlink_1(mavlink_messages.override(PULSES, 1, 1)), whole=True) == []
+    assert (codec.malformed, codec.of_mavlink_1) == (1, 0)
+    assert codec.decode(b"noise" + 3 * frame_of_mavlink_1(heartbeat) + override_frame(), whole=False)
+    assert codec.of_mavlink_1 == 3
 
 
 class TestSigning:
@@ -155,6 +162,28 @@ class TestSigning:
         later = now + (codec_module.NEW_STREAM_SLACK_S + 1) * codec_module.STAMPS_PER_S
         monkeypatch.setattr(codec_module, "_stamp_now", lambda: later)
         assert Codec(1, 1, signing_key=KEY).decode(recorded, whole=True) == []
+
+    def test_a_clock_that_is_put_back_locks_out_nobody_whose_last_stamp_is_kept(
+        self, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    ) -> None:
+        now, file, message = codec_module._stamp_now(), tmp_path / "new" / "stamp", PULSES
+
+        def frame(hours: float, stamp_file: Path | None) -> bytes:
+            stamp = now + int(3600 * hours * codec_module.STAMPS_PER_S)
+            monkeypatch.setattr(codec_module, "_stamp_now", lambda: stamp)
+            controller = Codec(255, 191, signing_key=KEY, stamp_file=stamp_file)
+            sent = controller.encode(mavlink_messages.override(message, 1, 1), 0)
+            controller.keep_stamp()
+            return sent
+
+        board = Codec(1, 1, signing_key=KEY)
+        assert board.decode(frame(1, file), whole=True)
+        assert not board.decode(frame(0, None), whole=True)
+        assert board.decode(frame(0, file), whole=True)
+        assert board.decode(frame(2, file), whole=True)
+        for damaged in ("", "noise", "9" * 30):
+            file.write_text(damaged)
+            assert board.decode(frame(3 + len(damaged), file), whole=True)
 
     def test_a_key_of_another_length_is_refused(self) -> None:
         with pytest.raises(InputError, match="got 5 bytes; allowed: 32"):

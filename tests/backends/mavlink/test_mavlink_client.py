@@ -12,6 +12,7 @@ import pytest
 from pymavlink.dialects.v20 import common
 
 from hexctl.backends.base import LegServos
+from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec
 from hexctl.backends.mavlink.mavlink_client import MavlinkServos
@@ -27,6 +28,7 @@ from hexctl.types import JointTargets, RobotState
 from tests.backends.fake_time import FakeTime
 from tests.backends.mavlink.boards import (
     MemoryPort,
+    OnMemory,
     ScriptedBoard,
     board,
     fitting_file,
@@ -34,7 +36,7 @@ from tests.backends.mavlink.boards import (
     memory_board,
     servos_on,
 )
-from tests.backends.mavlink.test_codec import override_frame, valid_frame
+from tests.backends.mavlink.test_codec import frame_of_mavlink_1, override_frame, valid_frame
 from tests.backends.standing import command, next_state, stand, until
 from tests.robots import shipped
 
@@ -56,7 +58,7 @@ class TestOverMemory(LegServosConformance):
 
 def servos_at(
     board: ScriptedBoard, folder: Path, *, key: bytes | None = None, servos: dict[str, Any] | None = None
-) -> MavlinkServos:
+) -> OnMemory:
     servo_map = load_robot_file(fitting_file(folder, servos)).servo_map
     board.pulses_us = servo_map.to_us(shipped().stance_angles_rad)
     return servos_on(board.port, servo_map, key=key)
@@ -101,6 +103,14 @@ def test_joint_positions_are_an_echo_until_the_board_says_that_it_measures(tmp_p
         assert state.base_position_world is None
         assert state_after(servos, board, board_messages.measured(True, 0.0)).measured
         assert not state_after(servos, board, board_messages.measured(False, 0.0)).measured
+
+
+def test_every_state_arrives_although_sequence_numbers_begin_again(tmp_path: Path) -> None:
+    with ScriptedBoard() as board, servos_at(board, tmp_path) as servos:
+        for _ in range(75):
+            assert next_state(servos).age_s <= PERIOD_S
+        assert board.sequence > 256
+        assert (servos.counters.lost, servos.counters.out_of_order) == (0, 0)
 
 
 def test_a_servo_that_is_not_driven_and_not_measured_counts_as_told_last(tmp_path: Path) -> None:
@@ -260,9 +270,10 @@ def test_a_board_on_another_address_is_not_ours(tmp_path: Path) -> None:
         ({"kind": 13}, "type 13"),
         ({"silent": True}, "ACTUATOR_OUTPUT_STATUS"),
         ({"key": bytes(32)}, "signing key"),
+        ({"own_key": bytes(32)}, "clock"),
         ({"port": MemoryPort(FakeTime())}, "no heartbeat"),
     ],
-    ids=["a drone with six rotors", "no servo positions", "another key", "no board"],
+    ids=["a drone with six rotors", "no servo positions", "another key", "or another clock", "no board"],
 )
 def test_a_board_that_cannot_be_is_refused_at_connect(
     change: dict[str, Any], said: str, tmp_path: Path
@@ -271,10 +282,33 @@ def test_a_board_that_cannot_be_is_refused_at_connect(
         for name in change.keys() & {"kind", "silent"}:
             setattr(board, name, change[name])
         port = MemoryPort(board.port.time) if "port" in change else board.port
-        servos = servos_on(port, fitting_map(tmp_path))
+        servos = servos_on(port, fitting_map(tmp_path), key=change.get("own_key"))
         with pytest.raises(RobotFaultError, match=said):
             servos.connect()
         servos.close()
+
+
+def test_a_board_of_mavlink_1_is_named(tmp_path: Path) -> None:
+    servos = servos_on(MemoryPort(FakeTime()), fitting_map(tmp_path))
+    servos.memory_port.put(frame_of_mavlink_1(mavlink_messages.controller_heartbeat()), None)
+    with pytest.raises(RobotFaultError, match="MAVLink 1"):
+        servos.connect()
+
+
+@pytest.mark.parametrize("end", ["receive", "send", "beat"])
+def test_a_port_that_fails_is_a_fault(end: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise OSError("the cable has gone")
+
+    with ScriptedBoard() as board, servos_at(board, tmp_path) as servos:
+        stand(servos, 3)
+        if end == "receive":
+            servos.memory_port.gone = True
+        else:
+            monkeypatch.setattr(servos.memory_port, "send", fails)
+        writes, ticks = (True, 1) if end == "send" else (False, 60)  # within it a heartbeat is due
+        with pytest.raises(RobotFaultError, match="has gone"):
+            until(servos, lambda _: False, write=writes, ticks=ticks)
 
 
 # Faults of a link to the simulated board.
@@ -313,6 +347,28 @@ def test_a_second_controller_is_refused_and_told(tmp_path: Path) -> None:
             stand(third, 10)
             assert third.stopped is None
         assert running.end()["of_others"] > 0
+
+
+@pytest.mark.parametrize("walks", [False, True])
+def test_a_crowd_takes_no_state_from_a_controller_that_is_there(walks: bool, tmp_path: Path) -> None:
+    """200 addresses, each with a heartbeat five times in a second."""
+    crowd = Codec(9, 9).encode(mavlink_messages.controller_heartbeat(), 0)
+    with (
+        memory_board(fitting_map(tmp_path)) as running,
+        Guard(servos_on(running.port, running.servo_map)) as guard,
+    ):
+        for tick in range(150):
+            for number in range(20):
+                running.port.put(crowd, f"crowd {(20 * tick + number) % 200}")
+            state = next_state(guard)
+            assert state.age_s <= 1.5 * PERIOD_S
+            if walks:
+                command(guard)
+        assert guard.stopped is None
+        counters = guard.unwrapped.counters  # type: ignore[attr-defined]
+        assert (counters.lost, counters.out_of_order, counters.refused) == (0, 0, 0)
+        assert counters.received > 150
+        assert running.end()["crowded_out"] > 1000
 
 
 def test_a_flooded_board_moves_nothing_and_goes_on(tmp_path: Path) -> None:
