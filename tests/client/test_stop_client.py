@@ -5,7 +5,6 @@ import random
 import re
 import select
 import signal
-import socket
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,11 +15,10 @@ import hexctl
 from faults.programs.relay import Condition, Queue, UdpRelay
 from hexctl.client.remote import RemoteRobots, remote_robots
 from hexctl.client.stop_client import ReadyStop, clear_stop, estop
-from hexctl.errors import InputError, RobotFaultError
+from hexctl.errors import InputError
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.zenoh_session import open_session
 from tests.cli.terminals import OnTerminal
-from tests.client.test_stop_connections import free, seen
 from tests.server.processes import (
     Served,
     controlling,
@@ -138,52 +136,6 @@ def test_a_stop_that_is_ready_says_when_the_robot_is_out_of_reach_and_back(tmp_p
             wait_until(lambda: ready.reach.ways == ("datagram", "session"), "the robot")
         wait_until(lambda: ready.reach.ways == (), "its end")
         assert "NOT REACHABLE" in str(ready.reach)
-
-
-@pytest.fixture
-def unheard() -> Iterator[ReadyStop]:
-    """A stop without a robot: what it sees comes from the test."""
-    ready = ReadyStop(connect=f"tcp/127.0.0.1:{free_port()}", stays=False)
-    ready._datagrams.obeyed = b"\0" * 8  # a stop of before, which has been cleared since
-    yield ready
-    ready._datagrams.end()
-
-
-def test_what_one_way_sees_is_no_rest_while_the_other_sees_a_robot_that_is_not_stopped(
-    unheard: ReadyStop,
-) -> None:
-    now_s = time.monotonic()
-    unheard.press()
-    unheard._datagrams.obeyed = b"\0" * 8
-    for later_s in (0.0, 0.3, 0.6):
-        unheard._see("datagram", seen(now_s + later_s))
-    unheard._see("session", free(now_s + 0.4))
-    assert unheard._rested_since_s() is None, "of several robots one has not stopped"
-    unheard._see("session", seen(now_s + 0.5))
-    assert unheard._rested_since_s() == now_s
-    unheard._see("session", free(now_s - 0.1))
-    assert unheard._rested_since_s() == now_s, "asked for before the robot was at rest"
-
-
-def test_what_was_asked_before_a_press_does_not_confirm_it(unheard: ReadyStop) -> None:
-    asked_s = time.monotonic()
-    unheard.press()
-    unheard._see("datagram", seen(asked_s))
-    assert unheard._order.wanted.is_set(), "the stop goes on being sent"
-    unheard._see("datagram", seen(time.monotonic()))
-    assert not unheard._order.wanted.is_set()
-
-
-def test_a_robot_that_is_not_there_or_does_not_answer_is_an_error_and_no_success() -> None:
-    with pytest.raises(RobotFaultError, match="nothing listens at"):
-        estop(connect=f"tcp/127.0.0.1:{free_port()}")
-    with pytest.raises(InputError, match="connect"):
-        estop(connect="somewhere")
-    with socket.create_server(("127.0.0.1", 0)) as silent, socket.socket(type=socket.SOCK_DGRAM) as drain:
-        port = silent.getsockname()[1]
-        drain.bind(("127.0.0.1", port))
-        with pytest.raises(RobotFaultError, match="hexctl estop on its own computer"):
-            estop(connect=f"tcp/127.0.0.1:{port}")
 
 
 #: Keys that stop; Ctrl-S usually pauses what is printed.

@@ -199,7 +199,12 @@ def test_an_error_of_the_library_is_told_and_a_session_is_opened_again(
 
 @dataclass
 class OnTheLink:
-    """A robot as a session sees it; it does not answer the first `deaf` requests to stop."""
+    """A robot as a session sees it; it does not answer the first `deaf` requests to stop.
+
+    Attributes:
+        about: more of its status.
+        refusal: what it answers to a clear and to a failure.
+    """
 
     name: str
     deaf: int = 0
@@ -209,10 +214,17 @@ class OnTheLink:
     asked: int = 0
     requests: list[str] = field(default_factory=list)
     claims: list[str] = field(default_factory=list)
+    about: dict[str, Any] = field(default_factory=dict)
+    refusal: dict[str, Any] = field(default_factory=dict)
 
     def answer(self, key: str, content: dict[str, Any]) -> dict[str, Any] | None:
-        if self.silent:
+        if self.silent or key.split("/")[1] not in ("*", self.name):
             return None
+        if key.endswith("/failure"):
+            return self.refusal or {"failures": [content.get("failure", "none")]}
+        if content.get("op") == "clear":
+            self.stopped = self.stopped if self.refusal else None
+            return self.refusal or {"robot": self.name, "stopped": None, "asked": content}
         if key.endswith("/estop"):
             self.asked += 1
             if self.asked <= self.deaf:
@@ -224,10 +236,11 @@ class OnTheLink:
             self.requests.append(content["request"])
             self.stopped = "estop"
             return {"robot": self.name, "stopped": self.stopped}
-        stop = {"claims": list(self.claims)} if self.stopped is not None else None
-        return {
-            "status": {"robot": self.name, "stopped": self.stopped, "at_rest": self.at_rest, "stop": stop}
-        }
+        stop = None
+        if self.stopped is not None:
+            stop = {"id": STOP_ID, "claims": list(self.claims), "clear_in_s": 0.0, "others_in_s": 0.01}
+        status = {"robot": self.name, "stopped": self.stopped, "at_rest": self.at_rest, "stop": stop}
+        return {"status": {**status, **self.about}}
 
 
 class SharedSession:
