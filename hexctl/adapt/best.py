@@ -59,7 +59,11 @@ def best_gait(spec: RunSpec, folder: Path | str = RUNS) -> BestGait:
     for index, name in enumerate(spec.names_then):
         if names_best(name):
             text = str(then[index])
-            found, (_, at_s) = _best_to_change_to(spec, text, name, folder), name_and_time(text)
+            at_s = name_and_time(text)[1]
+            try:  # without the trim and turn of a session
+                found = _best_of(replace(spec, gait=name), folder, trimmed=False)
+            except InputError as error:
+                raise InputError(f"{argument('then')}: got {text!r} ({error})") from error
             sources.append(f"from {at_s:g} s on {found.source}")
             gait = found.spec.gait  # with the stride of a session, otherwise slots
             then[index] = (
@@ -68,14 +72,6 @@ def best_gait(spec: RunSpec, folder: Path | str = RUNS) -> BestGait:
                 else f"{found.spec.gait_text}@{at_s:g}"
             )
     return BestGait(spec=replace(spec, then=tuple(then)), source="; ".join(sources))
-
-
-def _best_to_change_to(spec: RunSpec, text: str, name: str, folder: Path | str) -> BestGait:
-    """The best gait for a change during a walk, without the trim and turn of a session."""
-    try:
-        return _best_of(replace(spec, gait=name), folder, trimmed=False)
-    except InputError as error:
-        raise InputError(f"{argument('then')}: got {text!r} ({error})") from error
 
 
 def _best_of(spec: RunSpec, folder: Path | str, *, trimmed: bool = True) -> BestGait:

@@ -72,12 +72,6 @@ def _progress(result: TrialResult) -> float:
     return _deviation(result).final * result.ideal_distance_m / max(result.distance_m or 0.0, 1e-9)
 
 
-def _pace(result: TrialResult) -> float:
-    """Time per metre of progress, with the soft start: 1 / speed, to be minimized."""
-    # Limited as `_progress` is.
-    return result.duration_s / max(result.distance_m or 0.0, 1e-9)
-
-
 def _told(value: float | None, what: str) -> float:
     """A measured value; raises InputError if the robot did not measure it."""
     if value is None:
@@ -109,7 +103,8 @@ _SHIPPED = (
         label="time per metre of progress",
         unit="s/m",
         needs_course=False,
-        measure=_pace,
+        # Time per metre, to be minimized, with the soft start; limited as `_progress` is.
+        measure=lambda result: result.duration_s / max(result.distance_m or 0.0, 1e-9),
         hold="auto",
     ),
     Objective(

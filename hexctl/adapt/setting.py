@@ -16,12 +16,7 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World, load_world, without_step
 from hexctl.control.assessment.score import ideal_distance_m, progress_floor_m
 from hexctl.control.assessment.top_speed import Stride
-from hexctl.control.assessment.uncertainty_store import (
-    COMPUTATION,
-    CONFIRM_STEP_S,
-    SimulationUncertainty,
-    known_uncertainty,
-)
+from hexctl.control.assessment.uncertainty_store import COMPUTATION, CONFIRM_STEP_S, known_uncertainty
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError
@@ -162,21 +157,18 @@ def with_known_uncertainty(spec: SessionSpec, setting: Setting, folder: Path, no
     if found is not None and found.borrowed and spec.optimizer == TRIM:
         return spec
     if found is not None:
+        as_fine = setting.world.time_step_s <= CONFIRM_STEP_S
         return replace(
             spec,
             uncertainty_m=round(found.numerical_m, 4),
             uncertainty_caveat=found.caveat(str(spec.broken)),
-            confirmed_uncertainty_m=0.0 if spec.optimizer == TRIM else _confirmed_m(setting.world, found),
+            # Walks that confirm a gait are no finer then.
+            confirmed_uncertainty_m=0.0 if as_fine or spec.optimizer == TRIM else found.confirmed_m or 0.0,
         )
     if spec.duration_s >= MEASURED_S:
         command = _measuring(spec)
         note(f"the simulation's own uncertainty is not known here; {command} measures it")
     return spec
-
-
-def _confirmed_m(world: World, found: SimulationUncertainty) -> float:
-    """Uncertainty of the walks that confirm a gait; 0 if they would be no finer."""
-    return found.confirmed_m or 0.0 if world.time_step_s > CONFIRM_STEP_S else 0.0
 
 
 def _measuring(spec: SessionSpec) -> str:

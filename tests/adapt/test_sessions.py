@@ -83,6 +83,22 @@ def test_a_session_imports_no_code_without_trust(field: str) -> None:
     foreign.check_trusted({"servos" if field == "backend" else field}, trust=False)
 
 
+def test_a_session_of_another_user_or_computer_chooses_no_robot_without_trust(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec = replace(new_spec(failed_leg=5), backend="zenoh", connect="tcp/127.0.0.1:7447")
+    name = SessionStore(tmp_path).create(spec).name
+    own = load_session(name, tmp_path).spec
+    own.check_trusted((), trust=False)
+    for foreign in (spec, replace(own, connect="tcp/10.0.0.7:7447"), replace(own, backend="dynamixel"), own):
+        if foreign is own:
+            monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "of another user"))
+        with pytest.raises(InputError, match=r"chose its robot.*trust"):
+            foreign.check_trusted((), trust=False)
+        foreign.check_trusted((), trust=True)
+        foreign.check_trusted({"servos"}, trust=False)
+
+
 def session(*results: float | TrialResult, name: str = "a", **spec: Any) -> Session:
     """A session whose trials have these results, or end so far to the left of the line."""
     trials = [record(index, result) for index, result in enumerate(results, start=1)]

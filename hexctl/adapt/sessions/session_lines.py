@@ -58,13 +58,9 @@ _KINDS = {TrialRecord: "trial", BaselineRecord: "baseline", ConfirmationRecord: 
 def standing_line(session: Session) -> bytes:
     """Line of a session's standing; raises TypeError for a value that JSON cannot hold."""
     values = {field.name: getattr(session, field.name) for field in fields(Standing)}
-    spec = {name: _number(value) for name, value in asdict(session.spec).items()}
+    spec = asdict(session.spec)
+    spec |= {name: value.item() for name, value in spec.items() if isinstance(value, np.generic)}
     return _text({"session": {**values, "spec": spec}})
-
-
-def _number(value: object) -> object:
-    """NumPy numbers as Python ones; other values unchanged."""
-    return value.item() if isinstance(value, np.generic) else value
 
 
 def walk_line(walk: Walk, optimizer_state: dict[str, Any] | None) -> bytes:

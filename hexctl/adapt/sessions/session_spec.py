@@ -1,7 +1,10 @@
 """The spec of a session: the resolved options of its search, and measurements at its beginning."""
 
+import hmac
 import math
+import secrets
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -9,6 +12,7 @@ from hexctl.adapt.adapt_options import AdaptOptions
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.control.trial_plan import Hold, SelfRotation
 from hexctl.errors import InputError, argument
+from hexctl.files import read_secret, state_folder
 from hexctl.recording.sessions.session_overview import METRES, mark_text, score_text
 from hexctl.robot.failure import Failure
 
@@ -43,6 +47,7 @@ class SessionSpec(AdaptOptions):
         sag_rad: static deflection of each joint in the stance before the first trial, 18 numbers, None for an
             unmeasured joint; None if the prior or the robot does not provide it.
         versions: of the software that decides how trials end, by package.
+        seal: shows that this user began the session here, with its robot; empty for a simulation.
     """
 
     robot: str = "ant"
@@ -69,6 +74,7 @@ class SessionSpec(AdaptOptions):
     baseline_gaits: list[str] = field(default_factory=list)
     sag_rad: list[float | None] | None = None
     versions: dict[str, str] = field(default_factory=dict)
+    seal: str = ""
 
     @property
     def simulated(self) -> bool:
@@ -118,10 +124,23 @@ class SessionSpec(AdaptOptions):
             option: name for option, name in named.items() if ":" in name and not name.startswith(_SCRIPT)
         }
 
-    def check_trusted(self, given: Collection[str], *, trust: bool) -> None:
-        """Check that a session imports only trusted code; `given` arguments replace parts of it.
+    def own_seal(self) -> str:
+        """Seal of this user for the robot; empty for a simulation, and if the state folder has no secret."""
+        path, seal = state_folder() / "sessions.key", ""
+        chosen = [str(getattr(self, name)) for name in ("robot", "backend", "connect", "link", "credentials")]
+        with suppress(OSError):
+            if not (self.simulated or path.exists()):
+                path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+                path.touch(0o600)
+                path.write_text(secrets.token_hex(32), encoding="ascii")
+            seal = hmac.digest(read_secret(path, 100), repr(chosen).encode(), "sha256").hex()
+        return "" if self.simulated else seal
 
-        Raises InputError without `trust` for a part with a name `module:Name`.
+    def check_trusted(self, given: Collection[str], *, trust: bool) -> None:
+        """Check that a session imports only trusted code and chooses no robot for another user.
+
+        `given` arguments replace parts of it. Raises InputError without `trust` for a part with a name
+        `module:Name`, and for a robot if this user did not begin the session on this computer.
         """
         for option, name in self.foreign_parts.items():
             if not trust and _PARTS[option] not in given:
@@ -129,11 +148,17 @@ class SessionSpec(AdaptOptions):
                     f"session: its {option} is code to be imported, got {name!r}; allowed: names that hexctl "
                     f"ships; if you trust the session and that module, add {argument('trust')}"
                 )
+        own = self.simulated or (self.seal and hmac.compare_digest(self.seal, self.own_seal()))
+        if not (own or trust or "servos" in given):
+            raise InputError(
+                f"session: another user or computer chose its robot, {self.robot} by {self.backend} at "
+                f"{self.connect or self.link or 'the default'}; to move that one, add {argument('trust')}"
+            )
 
     def as_json(self) -> dict[str, Any]:
         """The spec as `hexctl adapt --json` prints it: leg and kind of the failure, heading in degrees."""
         values = asdict(self)
-        del values["heading_rad"]
+        del values["heading_rad"], values["seal"]
         return {
             **values,
             "failed_leg": self.broken.leg,

@@ -11,6 +11,7 @@ import shutil
 import stat
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
 from datetime import datetime
 from itertools import count
 from pathlib import Path
@@ -77,6 +78,7 @@ class SessionStore:
 
         Raises StoreError when the disk refuses.
         """
+        spec = replace(spec, seal=spec.own_seal())
         now = datetime.now().astimezone()
         # The name of a custom optimizer has a colon, which tools that copy folders take for a host.
         optimizer = re.sub(r"[^\w.-]+", "-", spec.optimizer)
@@ -109,12 +111,7 @@ class SessionStore:
             finally:
                 del self._locks[name]
 
-    def add(
-        self,
-        session: Session,
-        walk: Walk,
-        optimizer_state: dict[str, Any] | None = None,
-    ) -> None:
+    def add(self, session: Session, walk: Walk, optimizer_state: dict[str, Any] | None = None) -> None:
         """Add a walk, with the state of the optimizer after a trial, on the disk when this returns.
 
         Raises StoreError when the disk refuses, another process holds the session or has added to it, and

@@ -65,7 +65,7 @@ ResumeOption = Annotated[
 ]
 TrustOption = Annotated[
     bool,
-    typer.Option("--trust", hidden=True, help="With --resume: import custom code that the session names."),
+    typer.Option("--trust", hidden=True, help="With --resume: trust code and robot that the session names."),
 ]
 ViewOption = Annotated[
     bool,
