@@ -215,11 +215,7 @@ class RequestHandler:
         try:
             if wanted.op == "acquire":
                 lease = self.acquire(wanted.owner, now_s)
-                return {
-                    "lease": lease.lease_id.hex(),
-                    "sequence": lease.sequence,
-                    "duration_s": LEASE_S,
-                }
+                return {"lease": lease.lease_id.hex(), "sequence": lease.sequence, "duration_s": LEASE_S}
             answer = self._keep(wanted.op, wanted.lease, now_s)
         except HexctlError as error:
             return {"error": str(error)}

@@ -1,10 +1,12 @@
 """A robot's Zenoh session, and the bounded queue from it to the thread that moves the robot."""
 
+import socket
+import threading
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from threading import Lock
+from pathlib import Path
 from typing import Any, Self
 
 import zenoh
@@ -49,7 +51,7 @@ class Inbox:
 
     def __init__(self, *, time: TimeSource = WALL_TIME) -> None:
         self._waiting: deque[Arrival] = deque()
-        self._bell = Lock()
+        self._bell = threading.Lock()
         self._bell.acquire()  # held until the first put
         self._time = time
         self.overflowed = 0
@@ -83,6 +85,28 @@ class Inbox:
             return None
 
 
+#: Pause between two looks at the connections: it takes longer to fill the buffers of one.
+LINGER_LOOK_S = 0.1
+
+
+def end_lingering(closing: threading.Event) -> None:
+    """Let the kernel close connections, until an event.
+
+    Zenoh waits up to 10 s (SO_LINGER) for a client that reads nothing, on one of the threads that serve all.
+    """
+    while not closing.wait(LINGER_LOOK_S):
+        for number in _sockets():
+            with suppress(OSError), socket.fromfd(number, socket.AF_INET, socket.SOCK_STREAM) as one:
+                one.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, bytes(8))
+
+
+def _sockets() -> list[int]:
+    """Open sockets of this process; none on a system that does not list them."""
+    with suppress(OSError):
+        return [int(file.name) for file in Path("/proc/self/fd").iterdir() if file.is_socket()]
+    return []
+
+
 #: Priority of each published kind of message.
 PRIORITIES = {
     "joint_states": zenoh.Priority.REAL_TIME,
@@ -114,20 +138,23 @@ class Transport:
         self._inbox = inbox
         self._urgent = urgent
         self._session: zenoh.Session | None = None
+        self._closing = threading.Event()
         self._publishers: dict[str, zenoh.Publisher] = {}
 
     def __enter__(self) -> Self:
         """Open the session; raises InputError for a bad link, RobotFaultError for an unusable address."""
         prepare_codec()
         self._session = open_session(self._link, Role.ROBOT, self.keys)
+        threading.Thread(target=end_lingering, args=(self._closing,), name="lingering", daemon=True).start()
         try:
             self._declare(self._session)
         except BaseException:
-            self._session.close()  # type: ignore[no-untyped-call]
+            self.__exit__()
             raise
         return self
 
     def __exit__(self, *error: object) -> None:
+        self._closing.set()
         if self._session is not None:
             self._session.close()  # type: ignore[no-untyped-call]
 

@@ -84,9 +84,9 @@ LEASE_MS = 1000
 WAIT_BEFORE_DROP_US = 10_000
 
 #: Threads of a robot's Zenoh session for receiving, sending, routing and accepting. Closing the connection
-#: of a viewer that reads nothing blocks one for 10 s (SO_LINGER); if all are blocked, no controller is
-#: heard.
-ROBOT_THREADS = {"rx": 256, "tx": 64, "net": 64, "acc": 64}
+#: of a viewer that reads nothing may block one for 10 s; if all are blocked, no controller is heard.
+#: `hexctl.server.transport.end_lingering` keeps most from that.
+ROBOT_THREADS = {"rx": 32, "tx": 16, "net": 8, "acc": 16}
 
 #: Configures Zenoh's threads when a process opens its first session.
 RUNTIME_VARIABLE = "ZENOH_RUNTIME"

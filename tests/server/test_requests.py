@@ -2,6 +2,8 @@
 
 import json
 import signal
+import socket
+import struct
 import threading
 import time
 from collections.abc import Iterator
@@ -14,7 +16,8 @@ from hexctl.control.guard import Guard
 from hexctl.server.leases import Lease, LeaseManager
 from hexctl.server.requests import MOST_CHANGES, RequestHandler
 from hexctl.server.stops.latch import StopLatch
-from hexctl.server.transport import MOST_WAITING, QUERIES, Inbox
+from hexctl.server.transport import MOST_WAITING, QUERIES, Inbox, end_lingering
+from hexctl.waiting import comes_true
 from hexctl.wire.description import encode_json
 from hexctl.wire.stop import HOLD_S, MAX_BY, UNNAMED
 from tests.control.posed import connected, send
@@ -82,6 +85,22 @@ def test_signals_and_arrivals_that_were_taken_already_do_not_block_the_reader() 
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
+
+
+def test_no_connection_lingers() -> None:
+    """Zenoh lets each one linger, and waits for clients that read nothing."""
+    closing = threading.Event()
+    thread = threading.Thread(target=end_lingering, args=(closing,))
+    with socket.create_server(("127.0.0.1", 0)) as port, socket.create_connection(port.getsockname()) as one:
+        one.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 10))
+        thread.start()
+        try:
+            assert comes_true(
+                lambda: one.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, 4) == bytes(4), 10.0
+            )
+        finally:
+            closing.set()
+            thread.join()
 
 
 @pytest.fixture

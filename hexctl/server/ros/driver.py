@@ -16,13 +16,7 @@ from hexctl.server.leases import Lease
 from hexctl.server.requests import RequestHandler
 from hexctl.server.ros.settings import LiveSettings
 from hexctl.types import FloatArray, RobotState
-from hexctl.wire.ros.motion_commands import (
-    Called,
-    RosCommand,
-    Service,
-    WantedJoints,
-    WantedVelocity,
-)
+from hexctl.wire.ros.motion_commands import Called, RosCommand, Service, WantedJoints, WantedVelocity
 from hexctl.wire.stop import ESTOP, OVER_ROS
 
 #: The lease of ROS, and a velocity, expire after this silence.
@@ -216,7 +210,8 @@ class RosDriver:
         if self._lease is not None and self._requests.holds(self._lease, at_s):
             self._lease = self._requests.leases.renew(self._lease.lease_id, at_s, EXPIRY_OF_ROS_S)
         else:
-            as_it_was = self._left_as_it_was()  # a lease resets the guard's last accepted targets
+            sent, guard = self._sent_rad, self._guard  # compared before a lease resets the accepted targets
+            as_it_was = sent is not None and np.allclose(guard.accepted_rad(), sent, 0, SAME_RAD)
             self._lease = self._requests.acquire(OVER_ROS, at_s, EXPIRY_OF_ROS_S)
             if not as_it_was:
                 self._pilot = None
@@ -224,11 +219,6 @@ class RosDriver:
     def _drive(self) -> DriveController:
         """The previous pilot continues if the robot still stands as it left it."""
         return self._new_pilot(self._guard.accepted_rad()) if self._pilot is None else self._pilot
-
-    def _left_as_it_was(self) -> bool:
-        if self._sent_rad is None:
-            return False
-        return float(np.abs(self._guard.accepted_rad() - self._sent_rad).max()) <= SAME_RAD
 
     def _new_pilot(self, start_rad: FloatArray) -> DriveController:
         guard = self._guard

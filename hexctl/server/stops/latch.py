@@ -11,16 +11,7 @@ from typing import Any
 from hexctl.control.guard import Guard
 from hexctl.errors import printable
 from hexctl.server.stops.stop_file import StopFile
-from hexctl.wire.stop import (
-    DATAGRAM_FROM,
-    ESTOP,
-    MAX_BY,
-    UNNAMED,
-    Clear,
-    Stop,
-    claim_in,
-    new_stop_id,
-)
+from hexctl.wire.stop import DATAGRAM_FROM, ESTOP, MAX_BY, UNNAMED, Clear, Stop, claim_in, new_stop_id
 from hexctl.wire.stop_datagram import EPOCH_BYTES
 
 #: Number of past requests recognized when repeated.

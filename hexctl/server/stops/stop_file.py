@@ -168,7 +168,8 @@ class StopFile:
         try:
             return _CONTENT.validate_json(read_file(self.path, BLOCK_BYTES)), None
         except (FileNotFoundError, NotADirectoryError):
-            link = _dangling_link(self.path)
+            places = (self.path, *self.path.parents)  # a stop may be behind a dangling link
+            link = next((one for one in places if one.is_symlink() and not one.exists()), None)
             if link is None:
                 return None, None
             why = f"{link} is a link to nothing"
@@ -263,8 +264,3 @@ def _block(content: KeptStop | None) -> bytes:
 def _storable(text: str, most: int) -> str:
     """A driver's text may not be valid UTF-8."""
     return text[:most].encode(errors="replace").decode()
-
-
-def _dangling_link(path: Path) -> Path | None:
-    """A dangling link in a path or its folders: a stop may be behind it."""
-    return next((one for one in (path, *path.parents) if one.is_symlink() and not one.exists()), None)
