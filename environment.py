@@ -92,6 +92,7 @@ class Environment:
         """Keep an environment that pip can change, or make one; a person's own is never emptied."""
         half_made, filled = self._begun.exists(), self.venv.is_dir() and any(self.venv.iterdir())
         if not moved and not half_made and self._repair_pip():
+            say(f"updating {self.venv.name}: its packages differ, or it runs a copy of the code")
             return
         if filled and not (half_made or self._stamp.exists()):
             raise SetUpError(f"{self.venv}: holds other files, and no environment with pip; {NAME_VENV}")
@@ -166,7 +167,8 @@ class Environment:
                 text = f"found {found} packages"
             elif line.startswith("Installing"):
                 self._mark()
-                text = f"installing {line.count(', ') + 1} packages, half a minute"
+                count = line.count(", ") + 1
+                text = f"installing {count} package{'s' if count > 1 else ''}"
             if shown and text:
                 sys.stderr.write(f"\r{text:50}")
                 sys.stderr.flush()

@@ -102,7 +102,7 @@ def _run(budget: int, interrupt: StopOnInterrupt, *, as_json: bool) -> "DemoResu
     if not as_json:
         event = rescue.EVENT
         print_result(
-            f"World {rescue.WORLD}, which no prior and no threshold of hexctl was made with.",
+            f"World {rescue.WORLD} is held out: nothing in hexctl was tuned in it.",
             f"{rescue.ROBOT} walks for {rescue.WALK_S:g} s. Leg {event.leg} is {event.failure} from "
             f"{event.at_s:g} s on.",
         )
