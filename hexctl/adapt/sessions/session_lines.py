@@ -49,7 +49,8 @@ class _Line:
 
 _LINE = TypeAdapter(_Line)
 
-_SPEC_FIELDS = {field.name for field in fields(SessionSpec)}
+#: A session without a seal was begun by an unknown user.
+_SPEC_FIELDS = {field.name for field in fields(SessionSpec)} - {"seal"}
 
 #: Names of walks in a line, by their class.
 _KINDS = {TrialRecord: "trial", BaselineRecord: "baseline", ConfirmationRecord: "confirmation"}

@@ -12,7 +12,7 @@ from hexctl.adapt.adapt_options import AdaptOptions
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.control.trial_plan import Hold, SelfRotation
 from hexctl.errors import InputError, argument
-from hexctl.files import read_secret, state_folder
+from hexctl.files import read_secret, state_folder, write_new
 from hexctl.recording.sessions.session_overview import METRES, mark_text, score_text
 from hexctl.robot.failure import Failure
 
@@ -21,6 +21,9 @@ _PARTS = {"optimizer": "optimizer", "objective": "objective", "backend": "servos
 
 #: Begins names of the running script, which is loaded already.
 _SCRIPT = "__main__:"
+
+#: Length of the secret that seals sessions, in hexadecimal.
+KEY_BYTES = 64
 
 #: The policy of sessions whose trials watch no legs.
 UNWATCHED = "walk-on"
@@ -126,15 +129,9 @@ class SessionSpec(AdaptOptions):
 
     def own_seal(self) -> str:
         """Seal of this user for the robot; empty for a simulation, and if the state folder has no secret."""
-        path, seal = state_folder() / "sessions.key", ""
         chosen = [str(getattr(self, name)) for name in ("robot", "backend", "connect", "link", "credentials")]
-        with suppress(OSError):
-            if not (self.simulated or path.exists()):
-                path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-                path.touch(0o600)
-                path.write_text(secrets.token_hex(32), encoding="ascii")
-            seal = hmac.digest(read_secret(path, 100), repr(chosen).encode(), "sha256").hex()
-        return "" if self.simulated else seal
+        key = b"" if self.simulated else _sealing_key()
+        return hmac.digest(key, repr(chosen).encode(), "sha256").hex() if key else ""
 
     def check_trusted(self, given: Collection[str], *, trust: bool) -> None:
         """Check that a session imports only trusted code and chooses no robot for another user.
@@ -148,11 +145,13 @@ class SessionSpec(AdaptOptions):
                     f"session: its {option} is code to be imported, got {name!r}; allowed: names that hexctl "
                     f"ships; if you trust the session and that module, add {argument('trust')}"
                 )
-        own = self.simulated or (self.seal and hmac.compare_digest(self.seal, self.own_seal()))
+        seals = [seal.encode() for seal in (self.seal, self.own_seal())]
+        own = self.simulated or (all(seals) and hmac.compare_digest(*seals))
         if not (own or trust or "servos" in given):
             raise InputError(
-                f"session: another user or computer chose its robot, {self.robot} by {self.backend} at "
-                f"{self.connect or self.link or 'the default'}; to move that one, add {argument('trust')}"
+                f"session: another user or computer may have chosen its robot, {self.robot} by "
+                f"{self.backend} at {self.connect or self.link or 'the default'}; to move that one, add "
+                f"{argument('trust')}"
             )
 
     def as_json(self) -> dict[str, Any]:
@@ -166,3 +165,16 @@ class SessionSpec(AdaptOptions):
             "heading_deg": round(math.degrees(self.heading_rad), 9),
             "target_share": self.target_share,
         }
+
+
+def _sealing_key() -> bytes:
+    """Secret of this user on this computer, made when first asked for; empty if it cannot be kept."""
+    path = state_folder() / "sessions.key"
+    with suppress(OSError, InputError):  # another process may make it at the same time
+        if not path.exists():
+            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            write_new(path, secrets.token_hex(KEY_BYTES // 2), "session", mode=0o600)
+    with suppress(OSError):
+        key = read_secret(path, 2 * KEY_BYTES)
+        return key if len(key) == KEY_BYTES else b""
+    return b""
