@@ -90,7 +90,7 @@ def test_a_session_of_another_user_or_computer_chooses_no_robot_without_trust(
     name = SessionStore(tmp_path).create(spec).name
     own = load_session(name, tmp_path).spec
     own.check_trusted((), trust=False)
-    others = [{"connect": "tcp/10.0.0.7:7447"}, {"backend": "dynamixel"}, {"seal": "é"}]
+    others: list[dict[str, Any]] = [{"connect": "tcp/10.0.0.7:7447"}, {"backend": "dynamixel"}, {"seal": "é"}]
     for foreign in (spec, *(replace(own, **other) for other in others), own):
         if foreign is own:
             monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "of another user"))
