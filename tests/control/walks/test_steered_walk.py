@@ -88,7 +88,7 @@ def test_a_pose_that_stays_frozen_is_lost_and_no_slip(with_faults: dict[str, Tri
     assert (result.distance_m, result.deviation) == (None, None)
     assert result.hold_lost_s == pytest.approx(5.0, abs=0.1)
     assert result.true_path_m is not None
-    assert result.true_path_m[-1, 0] > 1.0
+    assert result.true_path_m[-1, 0] > 0.7, "it freezes after half a metre"
 
 
 def without(*sensors: str, first_s: float = 0.0, last_s: float = math.inf) -> Fault:
