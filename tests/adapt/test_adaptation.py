@@ -384,7 +384,7 @@ def test_a_live_view_that_was_lost_is_told_and_ends_no_search() -> None:
     spec = new_spec(
         failed_leg=5, backend="tests.cli.adaptkits:Blind", ask=True, prior="none", budget=1, duration_s=1.0
     )
-    view = mock.MagicMock(lost="the live view has ended", block_ticks=None)
+    view = mock.MagicMock(lost="the live view has ended", block_ticks=None, write_block=lambda *_: None)
     view.__enter__.return_value = view
     adaptation = Adaptation(spec, operator=Measures(), record=False, live=lambda: view, note=notes.append)
     assert adaptation.run().walked == 1
