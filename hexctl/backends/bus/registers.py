@@ -5,10 +5,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
-#: How a number has its sign: not at all, in two's complement, or in its bit 10, 11 or 15.
-Sign = Literal["none", "twos", "bit10", "bit11", "bit15"]
+#: How a number has its sign: not at all, in two's complement, or in its bit 10 or 15.
+Sign = Literal["none", "twos", "bit10", "bit15"]
 
-_SIGN_BITS = {"bit10": 1 << 10, "bit11": 1 << 11, "bit15": 1 << 15}
+_SIGN_BITS = {"bit10": 1 << 10, "bit15": 1 << 15}
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,13 +269,11 @@ XL320 = replace(
 #: Limits of acceleration and velocity of X servos, or durations in ms with a time-based profile.
 _X_PROFILE = (Register(108, 4), Register(112, 4))
 
-#: Gains of X servos but the P gain.
-_X_GAINS = (
-    (80, 2, 0, "D gain"),
-    (82, 2, 0, "I gain"),
-    (88, 2, 0, "feedforward 2nd gain"),
-    (90, 2, 0, "feedforward 1st gain"),
-)
+
+def _x_gains(p_gain: int, d_gain: int) -> tuple[FactoryValue, ...]:
+    more = ((82, 2, 0, "I gain"), (88, 2, 0, "feedforward 2nd gain"), (90, 2, 0, "feedforward 1st gain"))
+    return _tuned((84, 2, p_gain, "P gain"), (80, 2, d_gain, "D gain"), *more)
+
 
 #: XL430 (ROBOTIS e-Manual).
 X = RegisterTable(
@@ -301,7 +299,7 @@ X = RegisterTable(
         RequiredValue(Register(10), 0, "its flag for goals that switch its torque on", 3, writable=False),
     ),
     p_gain=Register(84, 2),
-    tuning=_tuned((84, 2, 800, "P gain"), *_X_GAINS),
+    tuning=_x_gains(640, 4000),
     offset=Register(20, 4, "twos"),
     status_level=(Register(68), 2),
     shadow_id=Register(12),
@@ -327,9 +325,9 @@ XL330 = replace(
     effort=None,
     current=Register(126, 2, "twos", 0.001),
     least_firmware=None,
-    tuning=_tuned((84, 2, 400, "P gain"), *_X_GAINS),
+    tuning=_x_gains(400, 0),
 )
-XM430 = replace(X, effort=None, current=Register(126, 2, "twos", 0.00269))
+XM430 = replace(X, effort=None, current=Register(126, 2, "twos", 0.00269), tuning=_x_gains(800, 0))
 
 #: STS3215 and its kin (memory table of STS, with its phase byte, 18): at full speed, settings kept from
 #: being saved. Firmware before 3.10 does not answer sync reads.
@@ -363,7 +361,7 @@ STS = RegisterTable(
         (26, 1, 1, "CW dead zone"),
         (27, 1, 1, "CCW dead zone"),
     ),
-    offset=Register(31, 2, "bit11"),
+    offset=Register(31, 2),
     slow_unit=(Register(18), 2, 50.0),
     status_level=(Register(8), 1),
     firmware=(Register(0), Register(1)),

@@ -316,7 +316,7 @@ X = [
     State("half torque", "its torque is limited to 50 %", now(100, 443, 2)),
     State("speed limit", "its speed is limited to 55 degrees/s", now(112, 40, 4)),
     State("acceleration limit", "its acceleration is limited to 215 degrees/s^2", now(108, 10, 4)),
-    State("another P gain", "its P gain is 400, from the factory 800", now(84, 400, 2)),
+    State("another P gain", "its P gain is 400, from the factory 640", now(84, 400, 2)),
     State("P gain of the file", "set its P gain from 400 to 640, as", now(84, 400, 2), p_gain=640),
     State(
         "P gain of the file, torque on",
@@ -324,7 +324,7 @@ X = [
         both(now(84, 400, 2), now(64, 1)),
         p_gain=640,
     ),
-    State("D gain", "its D gain is 40, from the factory 0", now(80, 40, 2)),
+    State("D gain", "its D gain is 40, from the factory 4000", now(80, 40, 2)),
     State("homing offset", "it adds a stored offset", stored(20, -300 % 2**32, 4)),
     State("no protection from heat", "it does not protect itself from heat", stored(63, 0b100000)),
 ]

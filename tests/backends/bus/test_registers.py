@@ -82,6 +82,16 @@ UNITS = {
     "scs": {"voltage": 0.1, "speed": 300 / 1023},
 }
 
+#: Initial values of the settings in `tuning`: e-Manual, "Control Table of RAM Area", and Feetech's tables.
+FACTORY = {
+    "ax": [1, 1, 32, 32, 32],
+    "xl320": [32, 0, 0],
+    "xl330": [400, 0, 0, 0, 0],
+    "xl430": [640, 4000, 0, 0, 0],
+    "xm430": [800, 0, 0, 0, 0],
+    "sts": [32, 32, 0, 16, 1, 1],
+    "scs": [],
+}
 
 #: Lowest supply in V.
 LEAST_V = pairs("""
@@ -147,6 +157,8 @@ def test_every_register_is_where_the_vendors_table_has_it(model: str) -> None:
         assert [(each.address, each.size) for each in some] == expected, field
     for field, unit in next(units for begin, units in UNITS.items() if model.startswith(begin)).items():
         assert getattr(table, field).scale == pytest.approx(unit, rel=2e-3), field
+    (factory,) = (values for begin, values in FACTORY.items() if model.startswith(begin))
+    assert [each.value for each in table.tuning] == factory
     first_volatile = min(address for address, _ in (rows["Torque Enable"], rows["Goal Position"]))
     assert table.ram == first_volatile
 
