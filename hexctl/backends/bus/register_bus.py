@@ -68,9 +68,11 @@ class RegisterBus(ServoBus):
             self._write_all(self.table.torque, 0.0, left)
 
     def _hold(self, here: FloatArray, which: BoolArray) -> BoolArray:
-        """Write goals and torques until they read back; renew torque limits that an overload has set to 0."""
+        """Set up again what a restart or an overload has undone; write goals and torques until read back."""
         holds: BoolArray = np.zeros(len(self.ids), dtype=bool)
         for index in np.flatnonzero(which).tolist():
+            if self.servos[index].torque() is False:
+                self.servos[index].set_up()
             self.servos[index].renew_torque_limit()
         for _ in range(TRIES):
             left = np.flatnonzero(which & ~holds).tolist()

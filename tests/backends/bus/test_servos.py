@@ -305,13 +305,19 @@ def _stored(bus: MemoryBus, register: Register, value: float) -> BusServo:
 def test_a_servo_in_another_mode_is_set_to_position_mode_while_it_is_limp(
     driver: str, model: str, mode: int, kept: int
 ) -> None:
-    bus_map, table = a_map(driver, model), table_of(model)
+    bus_map, table = replace(a_map(driver, model), p_gain=48), table_of(model)
     assert table.mode is not None
+    assert table.p_gain is not None
     with memory_bus(bus_map) as bus:
         servo = _stored(bus, table.mode.register, mode)
         with servos_on(bus, bus_map) as servos:
             assert _said(f"from {mode} to {table.mode.value}: leg 3 femur")(servos.read())
             until(servos, lambda _: servo.holds)
+            servo.restart()  # which undoes what is not saved
+            assert servo.number(table.p_gain) != 48
+            servos.disable_torque()
+            until(servos, lambda _: servo.holds)
+            assert servo.number(table.p_gain) == 48
         servo.restart()
         assert servo.number(table.mode.register) == kept
 
