@@ -176,10 +176,10 @@ def _bus(options: BackendOptions, *, driver: str) -> LegServos:
     from hexctl.backends.bus.servos import BusServos
     from hexctl.backends.serial_ports import SerialAddress
 
-    section = options.servos_section
+    section, file = options.servos_section, options.robot_file
     baud = section.baud or DEFAULT_BAUDS[driver]
     address = SerialAddress.parse(options.connect or section.port, baud)
-    bus_map = bus_map_of(section, driver)
+    bus_map = bus_map_of(section, driver, None if file is None else file.p_gain)
     return BusServos(options.robot, bus_map=bus_map, port=address.path, baud=address.baud)
 
 

@@ -105,14 +105,14 @@ def identify(
     logs: Sequence[str | Path],
     *,
     robot: Robot | None = None,
-    p_gain: float | None = None,
+    p_gain: int | None = None,
     on_step: OnStage = lambda _stage, _step, _error_rad: None,
 ) -> Identification:
     """Servos that explain logs: recordings (.rrd) of a robot, or runs (.json) of one servo on a bench.
 
     Args:
         robot: replaces that of the recordings; its geometry and the masses of its legs are taken as right.
-        p_gain: of the firmware on the robot; None for the largest of the runs on the bench.
+        p_gain: of the firmware on the robot; None for the largest of the runs on the bench, rounded.
         on_step: follows the search.
 
     Raises InputError for files that cannot be read, or of both kinds.
@@ -173,10 +173,10 @@ def _error_rad(replays: Sequence[RobotLog], values: RobotValues) -> float:
     return sum(mean_errors_rad(replays, values).values())
 
 
-def _of_bench(runs: Sequence[BenchRun], p_gain: float | None, on_step: OnStage) -> Identification:
+def _of_bench(runs: Sequence[BenchRun], p_gain: int | None, on_step: OnStage) -> Identification:
     fitted, judged = (runs[::2], runs[1::2]) if len(runs) >= ENOUGH_TO_JUDGE else (runs, [])
     fit = fit_bench(fitted, on_step)
-    gain = max(run.p_gain for run in runs) if p_gain is None else p_gain
+    gain = max(1, round(max(run.p_gain for run in runs))) if p_gain is None else p_gain
     return Identification(fit, mean_errors_rad(judged, fit.values), (*fitted, *judged), gain)
 
 

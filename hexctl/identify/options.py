@@ -32,7 +32,7 @@ class IdentifyOptions(RecordedOptions):
     none)
     """
 
-    p_gain: Annotated[float | None, Range(low=0, above=True)] = None
+    p_gain: Annotated[int | None, Range(low=1, whole=True)] = None
     """P gain of the firmware on the robot, for runs of a servo on a bench, {}. (default: the largest of the
     runs)
     """

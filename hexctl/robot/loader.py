@@ -16,7 +16,7 @@ from hexctl.robot.formats.link_masses import link_mass
 from hexctl.robot.meshes import Meshes, read_meshes
 from hexctl.robot.model import Robot, stance
 from hexctl.robot.plausibility import mass_problem, range_problem
-from hexctl.robot.schema import JointSection, LinkSection, RobotSchema
+from hexctl.robot.schema import P_GAIN, JointSection, LinkSection, RobotSchema
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.drivers import BUS_DRIVERS
 from hexctl.robot.servos.pwm_map import pwm_map_of
@@ -33,6 +33,8 @@ class RobotFile:
     path: Path
     robot: Robot
     content: RobotSchema
+    p_gain: int | None = None
+    """P gain for which the stiffness holds; None for a file without one."""
 
     @cached_property
     def servo_map(self) -> ServoMap:
@@ -46,11 +48,12 @@ class RobotFile:
     def raw_map(self) -> RawMap:
         """The map of raw positions of the driver, else the servo map; raises InputError."""
         section = self.content.servos
-        made = bus_map_of if section.driver in BUS_DRIVERS else pwm_map_of
         if section.driver is None:
             return self.servo_map
         try:
-            return made(section, section.driver)
+            if section.driver in BUS_DRIVERS:
+                return bus_map_of(section, section.driver, self.p_gain)
+            return pwm_map_of(section, section.driver)
         except InputError as error:
             raise InputError(f"{self.path}: {error}") from error
 
@@ -97,7 +100,8 @@ def robot_of_content(content: dict[str, Any], path: Path) -> Robot:
 def _robot_file(content: dict[str, Any], path: Path) -> RobotFile:
     schema = validate(RobotSchema, content, path)
     try:
-        return RobotFile(path, _build(schema), schema)
+        gain = content["servo"].get(P_GAIN)
+        return RobotFile(path, _build(schema), schema, None if gain is None else int(gain))
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 

@@ -23,6 +23,7 @@ from hexctl.robot.configs import (
     Number,
     Positive,
     Section,
+    Whole,
     file_part,
     keys_of,
     section_in,
@@ -344,7 +345,7 @@ P_GAIN = "p_gain"
 class _GainStiffness(Section):
     """Stiffness of servos whose firmware has a P gain."""
 
-    p_gain: Positive
+    p_gain: Annotated[Whole, Field(ge=1)]
     stiffness_nm_per_rad_per_p_gain: Positive
 
 
@@ -385,17 +386,6 @@ class RobotSchema(Section):
     servos: ServosSection = ServosSection()
     meshes: MeshesSection = MeshesSection()
     unknown: tuple[str, ...] = ()
-
-    @model_validator(mode="before")
-    @classmethod
-    def _gain_of_real_servos(cls, given: Any) -> Any:
-        """The stiffness holds for a P gain, which the real servos need, too."""
-        if not isinstance(given, dict):
-            return given
-        servo, servos = (given.get(name) or {} for name in ("servo", "servos"))
-        if isinstance(servo, dict) and isinstance(servos, dict) and P_GAIN in servo:
-            return {**given, "servos": {P_GAIN: servo[P_GAIN], **servos}}
-        return given
 
     @field_validator("servo", mode="before")
     @classmethod

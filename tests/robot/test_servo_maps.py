@@ -236,6 +236,7 @@ WRONG_SECTIONS: list[tuple[Any, str]] = [
     *(({"addresses": wrong}, r"servos\.addresses") for wrong in ([0x40, 0x40], [0x40, 0x70], [0x40])),
     *(({"oscillator_mhz": wrong}, r"servos\.oscillator_mhz") for wrong in (19, [25, 31])),
     ({"port": True}, r"servos\.port"),
+    ({"driver": "feetech", "p_gain": 32}, r"servos\.p_gain"),
 ]
 
 
@@ -246,6 +247,19 @@ def test_a_wrong_section_is_refused_with_its_file_and_key(section: Any, named: s
         _ = load_robot_file(path).raw_map
     assert str(refused.value).startswith(str(path))
     assert "\n" not in str(refused.value)
+
+
+def test_a_p_gain_that_is_none_of_its_servos_is_refused(tmp_path: Path) -> None:
+    def loaded(driver: str, model: str, p_gain: float) -> RawMap:
+        edits = put("servo", "p_gain", p_gain), put("servos", {"driver": driver, "model": model})
+        return load_robot_file(edited_file(tmp_path, *edits, base="lukas")).raw_map
+
+    sts, xl430 = ("feetech", "sts3215"), ("dynamixel", "xl430-w250")
+    for kind, p_gain in ((sts, 16), (xl430, 640), (("dynamixel", "ax12a"), 640)):
+        assert getattr(loaded(*kind, p_gain), "p_gain", None) == p_gain
+    for kind, wrong in (*((sts, each) for each in (0, 0.3, 31.6, -32, True, 3, 255)), (xl430, 32)):
+        with pytest.raises(InputError, match=r"servo\.p_gain"):
+            loaded(*kind, wrong)
 
 
 def test_a_section_of_another_driver_and_arrays_of_another_shape_are_refused() -> None:

@@ -73,10 +73,13 @@ class BusOptions:
 
     def servo_map(self) -> "BusMap | None":
         """Return the ids of all joints by the robot file; None without one."""
+        from hexctl.robot.loader import load_robot_file
         from hexctl.robot.servos.bus_map import bus_map_of
 
-        section = self._section()
-        return None if section is None else bus_map_of(section, self._driver(section))
+        if self.robot is None:
+            return None
+        file = load_robot_file(self.robot)
+        return bus_map_of(file.content.servos, self._driver(file.content.servos), file.p_gain)
 
     def _section(self) -> "ServosSection | None":
         from hexctl.robot.loader import load_robot_file

@@ -230,13 +230,11 @@ class RegisterServo(Servo):
 
     def _set_p_gain(self) -> list[str]:
         """Set the P gain that the robot file states, for which its stiffness holds."""
-        register, wanted = self.table.p_gain, self.p_gain
-        now = self.read_twice(register)
-        if register is None or wanted is None or now in (None, round(wanted)):
+        register, wanted, now = self.table.p_gain, self.p_gain, self.read_twice(self.table.p_gain)
+        if register is None or wanted is None or now in (None, wanted):
             return []
-        fits = round(wanted) < 1 << 8 * register.size
-        said = self.change(register, wanted) if fits else "it is too large"
-        return [_changed(f"its P gain from {now} to {wanted:g}, as the robot file states", said)]
+        said = self.change(register, wanted)
+        return [_changed(f"its P gain from {now} to {wanted}, as the robot file states", said)]
 
     def _deviations(self) -> Iterator[tuple[RequiredValue, int]]:
         """Required values that the servo does not have, and the raw numbers of their registers."""
@@ -330,7 +328,7 @@ class RegisterServo(Servo):
         if self.table.mode is None and least == most == 0:
             return "it is in wheel mode, with both angle limits at 0; set them with the vendor's tool"
         for required, now in self._deviations():
-            remedy = _LATER if required.writable else "change that with the vendor's tool"
+            remedy = _LATER if required.writable and self.torque() else "change that with the vendor's tool"
             return f"{required.name} is {required.of(now)}, not {required.value}; {remedy}"
         return ""
 
@@ -363,10 +361,10 @@ class RegisterServo(Servo):
 
     def _tuning_notes(self) -> Iterator[str]:
         """Notes on settings for which stiffness and angles of the robot file do not hold."""
-        table, stated = self.table, None if self.p_gain is None else round(self.p_gain)
+        table, stated = self.table, self.p_gain
         if stated is not None and table.p_gain is None:
             yield NO_GAIN
-        elif stated is not None and (now := self.read_twice(table.p_gain)) not in (None, stated):
+        elif stated and self.torque() and (now := self.read_twice(table.p_gain)) not in (None, stated):
             yield f"its P gain is {now}, and the robot file states {stated}; {_LATER}"
         for each in table.tuning:
             now = self.read_twice(each.register)

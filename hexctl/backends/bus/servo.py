@@ -93,7 +93,7 @@ class Servo(ABC):
         p_gain: that the robot file states; None if it states none.
     """
 
-    p_gain: float | None = None
+    p_gain: int | None = None
 
     def __init__(self, packets: PacketLine, servo_id: int, model: ServoType) -> None:
         self._packets, self.servo_id, self.type = packets, servo_id, model

@@ -105,7 +105,7 @@ def _print_scan(found: "Sequence[FoundServo]", servo_map: "BusMap | None", *, as
         odd = [each for each in found if each.p_gain is not None and stated not in (None, each.p_gain)]
         if odd:
             ids = ", ".join(f"{each.servo_id} ({each.p_gain})" for each in odd)
-            print_note(f"P gain not {stated:g}, which the robot file states: id {ids}")
+            print_note(f"P gain not {stated}, which the robot file states: id {ids}")
     if as_json:
         print_result(rows)
     elif rows:

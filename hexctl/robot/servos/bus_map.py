@@ -39,7 +39,7 @@ class BusMap(RawMap):
     ids: IntPerJoint
     models: tuple[ServoType, ...]
     low_battery_v: float
-    p_gain: float | None = None
+    p_gain: int | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -70,8 +70,8 @@ class BusMap(RawMap):
         )
 
 
-def bus_map_of(section: ServosSection, driver: str) -> BusMap:
-    """Bus map of a section; raises InputError for ids, models or limits that no bus can have."""
+def bus_map_of(section: ServosSection, driver: str, p_gain: int | None = None) -> BusMap:
+    """Bus map of a section; raises InputError for ids, models, limits or a P gain that no bus can have."""
     check_driver(section, driver, BUS_DRIVERS)
     usual = DEFAULT_MODELS[driver]
     models = tuple(servo_type(joint_value(section, joint, "model", usual)) for joint in range(N_JOINTS))
@@ -79,6 +79,9 @@ def bus_map_of(section: ServosSection, driver: str) -> BusMap:
         section, "counts", [model.least for model in models], [model.most for model in models]
     )
     for joint, model in enumerate(models):
+        if p_gain is not None and model.p_gains and not model.p_gains[0] <= p_gain <= model.p_gains[1]:
+            least, most = model.p_gains
+            raise InputError(f"servo.p_gain: got {p_gain}; allowed: {least} to {most} ({model.name})")
         low, high = calibration["least"][joint], calibration["most"][joint]
         if low < model.least or high > model.most:
             raise InputError(
@@ -91,7 +94,7 @@ def bus_map_of(section: ServosSection, driver: str) -> BusMap:
         ids=np.array(ids, dtype=np.int64),
         models=models,
         low_battery_v=section.low_battery_v or max(model.least_v for model in models),
-        p_gain=section.p_gain,
+        p_gain=p_gain,
         per_deg=np.array([model.counts_per_deg for model in models]),
         centre=np.array([float(model.centre) for model in models]),
         **calibration,

@@ -23,6 +23,8 @@ class ServoType:
         counts: of a full turn.
         least: lowest count of its travel, as is `most` the highest.
         centre: count at the middle of its travel.
+        p_gains: lowest and highest P gain: a tenth and ten times that of the factory, because a number for
+            another model is no other stiffness, but a mistake; None without a P gain.
     """
 
     name: str
@@ -34,6 +36,7 @@ class ServoType:
     least: int = 0
     most: int = 4095
     centre: int = 2048
+    p_gains: tuple[int, int] | None = None
 
     @property
     def registers(self) -> str:
@@ -57,14 +60,14 @@ SERVO_TYPES: dict[str, ServoType] = {
     for each in (
         ServoType("ax12a", "dynamixel", 12, 1, 9.0, **_ARC),
         ServoType("ax18a", "dynamixel", 18, 1, 9.0, **_ARC),
-        ServoType("xl320", "dynamixel", 350, 2, 6.0, **_ARC),
-        ServoType("xl330-m077", "dynamixel", 1190, 2, 3.7),
-        ServoType("xl330-m288", "dynamixel", 1200, 2, 3.7),
-        ServoType("xl430-w250", "dynamixel", 1060, 2, 6.5),
-        ServoType("xm430-w350", "dynamixel", 1020, 2, 10.0),
-        ServoType("sts3215", "feetech", 777, 1, 4.0),
-        ServoType("sts3032", "feetech", None, 1, 4.0),
-        ServoType("scs0009", "feetech", 1284, 1, 4.8, **_ARC),
+        ServoType("xl320", "dynamixel", 350, 2, 6.0, p_gains=(4, 254), **_ARC),
+        ServoType("xl330-m077", "dynamixel", 1190, 2, 3.7, p_gains=(40, 4000)),
+        ServoType("xl330-m288", "dynamixel", 1200, 2, 3.7, p_gains=(40, 4000)),
+        ServoType("xl430-w250", "dynamixel", 1060, 2, 6.5, p_gains=(64, 6400)),
+        ServoType("xm430-w350", "dynamixel", 1020, 2, 10.0, p_gains=(80, 8000)),
+        ServoType("sts3215", "feetech", 777, 1, 4.0, p_gains=(4, 254)),
+        ServoType("sts3032", "feetech", None, 1, 4.0, p_gains=(4, 254)),
+        ServoType("scs0009", "feetech", 1284, 1, 4.8, p_gains=(1, 254), **_ARC),
         ServoType("lx16a", "lx16a", None, 1, 6.0, **_LX),
         ServoType("lx224", "lx16a", None, 1, 6.0, **_LX),
         ServoType("hts35h", "lx16a", None, 1, 9.0, **_LX),

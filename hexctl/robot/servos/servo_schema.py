@@ -102,7 +102,6 @@ class ServosSection(Section):
         us_per_deg: pulse width per degree.
         centre_us: pulse width at angle zero.
         low_battery_v: voltage below which the robot sits down; by default that of the data sheet.
-        p_gain: that bus servos are set to; by default `servo.p_gain`, for which the stiffness holds.
         coxa: all coxa servos; `femur` and `tibia` likewise.
         leg1_coxa: single joints, which precede those of their kind.
     """
@@ -117,7 +116,6 @@ class ServosSection(Section):
     us_per_deg: Annotated[Number, Field(gt=0, le=1000, allow_inf_nan=False)] = 1000 / 90
     centre_us: PulseUs = 1500
     low_battery_v: Positive | None = None
-    p_gain: Positive | None = None
     coxa: KindServoSection = KindServoSection()
     femur: KindServoSection = KindServoSection()
     tibia: KindServoSection = KindServoSection()

@@ -244,7 +244,7 @@ class State:
     change: Change = lambda _: None
     faults: tuple[str, ...] = ()
     other_baud: bool = False
-    p_gain: float | None = None
+    p_gain: int | None = None
 
 
 def stored(address: int, value: int, size: int = 1) -> Change:
@@ -270,6 +270,16 @@ def both(*changes: Change) -> Change:
     def change(servo: Any) -> None:
         for each in changes:
             each(servo)
+
+    return change
+
+
+def keeps(address: int) -> Change:
+    """A setting that cannot be written."""
+
+    def change(servo: BusServo) -> None:
+        write = servo.write
+        vars(servo)["write"] = lambda at, data: 0 if at == address else write(at, data)
 
     return change
 
@@ -345,7 +355,8 @@ STS = [
     State("speed in 0.732 rpm", "its speed is limited to 44 degrees/s", both(stored(18, 8), now(46, 10, 2))),
     State("acceleration limit", "its acceleration is limited to 439 degrees/s^2", now(41, 50)),
     State("P gain of LeRobot", "set its P gain from 16 to 32, as", stored(21, 16), p_gain=32),
-    State("no such P gain", "could not set its P gain from 32 to 800", p_gain=800),
+    State("P gain that it keeps", "(it keeps 16)", both(stored(21, 16), keeps(21)), p_gain=32),
+    State("angular resolution that it keeps", "vendor's tool", both(stored(30, 3), keeps(30))),
     State("dead zone", "its CCW dead zone is 8, from the factory 1", stored(27, 8)),
     State("offset", "it adds a stored offset", stored(31, 2148, 2)),
     State("angular resolution 3", "set its angular resolution from 3 to 1", stored(30, 3)),
@@ -415,7 +426,9 @@ def said(driver: str, model: str, state: State, *, later_ticks: int = 0) -> str:
     ids=lambda each: each.name if isinstance(each, State) else each[1],
 )
 def test_an_abnormal_state_is_named(family: tuple[str, str], state: State) -> None:
-    assert state.says in said(*family, state)
+    words = said(*family, state)
+    assert state.says in words
+    assert not ("it keeps" in words and "power" in words), "it has no torque, and would keep it again"
 
 
 def test_durations_are_not_reported_as_speeds() -> None:

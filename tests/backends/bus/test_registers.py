@@ -1,5 +1,6 @@
 """Registers, commands and voltages against the vendors' own tables, row by row."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import fields
 from importlib.resources import files
@@ -159,6 +160,9 @@ def test_every_register_is_where_the_vendors_table_has_it(model: str) -> None:
         assert getattr(table, field).scale == pytest.approx(unit, rel=2e-3), field
     (factory,) = (values for begin, values in FACTORY.items() if model.startswith(begin))
     assert [each.value for each in table.tuning] == factory
+    if table.p_gain is not None and factory:
+        most = 254 if table.p_gain.size == 1 else 16_383
+        assert SERVO_TYPES[model].p_gains == (math.ceil(factory[0] / 10), min(10 * factory[0], most))
     first_volatile = min(address for address, _ in (rows["Torque Enable"], rows["Goal Position"]))
     assert table.ram == first_volatile
 
