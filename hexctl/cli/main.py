@@ -232,7 +232,7 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
             raise
         return _print_error(str(MissingExtraError("this", extra)), BAD_INPUT)
     except (ImportError, MemoryError, RuntimeError) as error:
-        if (why := _of_memory(error)) is None:
+        if (why := _worded_end(error)) is None:
             raise
         return _print_error(why, FAULT)
     except UnicodeEncodeError as error:
@@ -245,13 +245,19 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
     return code if isinstance(code, int) else 0
 
 
-def _of_memory(error: Exception) -> str | None:
-    """Text of an error by which Python or a library ends if the memory is low; None for another one."""
-    if isinstance(error, ImportError):
-        return f"a library cannot be loaded ({error}); free some memory, or install hexctl anew"
-    if isinstance(error, MemoryError) or "start new thread" in str(error):
+#: Words of errors if the memory is low.
+OF_MEMORY = ("start new thread", "failed to map", "Cannot allocate memory")
+
+
+def _worded_end(error: Exception) -> str | None:
+    """Text of an error of low memory, or of a library that cannot be loaded; None for another one."""
+    if isinstance(error, MemoryError) or any(words in str(error) for words in OF_MEMORY):
         return f"not enough memory{f' ({error})' if str(error) else ''}; end other programs, or do less here"
-    return None
+    if not isinstance(error, ImportError):
+        return None
+    library, missing, _ = str(error).partition(": cannot open shared object file")
+    step = f"install {library} with your system's packages" if missing else "install hexctl again"
+    return f"{error.name or 'a library'} cannot be loaded ({error}); {step}"
 
 
 def _worded(error: HexctlError) -> str:

@@ -204,16 +204,25 @@ def process(*arguments: str, stdout: int) -> tuple[int, str]:
 
 
 @pytest.mark.parametrize(
-    "error", [ImportError("failed to map segment"), MemoryError(), RuntimeError("can't start new thread")]
+    ("error", "named"),
+    [
+        (ImportError("a.so: failed to map segment from shared object"), "memory"),
+        (MemoryError(), "memory"),
+        (RuntimeError("can't start new thread"), "memory"),
+        (ImportError("libGL.so.1: cannot open shared object file: no", name="cv2"), "install libGL.so.1"),
+        (ImportError("cannot import name 'x' from 'numpy' (x.py)", name="numpy"), "numpy"),
+    ],
 )
-def test_low_memory_is_a_fault_and_no_missing_extra(
-    error: Exception, call: Call, monkeypatch: pytest.MonkeyPatch
+def test_low_memory_and_a_broken_library_are_faults_and_no_missing_extra(
+    error: Exception, named: str, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object) -> None:
         raise error
 
     monkeypatch.setattr("hexctl.cli.robot.robot_command.config_names", fail)
-    assert "extra" not in call("robot list", code=3).refusal
+    refusal = call("robot list", code=3).refusal
+    assert named in refusal
+    assert ("memory" in refusal, "extra" in refusal) == (named == "memory", False)
     caught = [path for path in PACKAGE.rglob("*.py") if "except ImportError" in path.read_text()]
     assert not caught, "a library that does not load is not missing; allowed: except ModuleNotFoundError"
 
