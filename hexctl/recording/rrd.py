@@ -13,7 +13,7 @@ from threading import Thread
 from typing import Any, BinaryIO, Self
 
 from hexctl.errors import InputError, MissingExtraError, RecordingError, argument
-from hexctl.files import file_instead
+from hexctl.files import check_new, file_instead
 
 #: Required version of Rerun: each minor version may change the file format.
 RERUN = "0.41"
@@ -197,12 +197,11 @@ def create_file(path: Path) -> None:
     """Make an empty file and its folders; raises InputError if it exists or cannot be written."""
     check_utf8(path)
     create_folders(path)
+    check_new(path, "recording")
     try:
         with path.open("xb") as file:
             _check_room(file, path)
     except OSError as error:
-        if isinstance(error, FileExistsError) and path.exists():
-            raise InputError(f"recording: {path} exists; allowed: a new file, nothing is replaced") from None
         raise _unwritable(path, error) from error
 
 

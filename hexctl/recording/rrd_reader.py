@@ -5,10 +5,12 @@ Messages of chunks are protobuf with an LZ4-compressed Arrow stream, in the vers
 
 import logging
 import os
+import re
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -26,11 +28,11 @@ INDEX_END_BYTES, END = 32, b"RRF2FOOT"
 #: Kinds of messages: the last one of a file, one with a chunk, and the highest.
 LAST, CHUNK, MOST_KIND = 0, 2, 3
 
-#: Bytes that are searched together for the next chunk behind damage.
-SEARCHED_BYTES = 1 << 20
+#: Beginning of a chunk, bytes searched together for it behind damage, and most bytes decoded in vain.
+CHUNK_BEGIN, SEARCHED_BYTES, MOST_BYTES = re.compile(rb"\x02\0{7}.{8}\x0a", re.DOTALL), 1 << 16, 1 << 26
 
-#: Fields of such a message: store, compression (2 is LZ4), size of the Arrow stream, stream.
-STORE, COMPRESSION, LZ4, SIZE, STREAM = 1, 2, 2, 3, 5
+#: Fields of such a message: store, compression (2 is LZ4), size of the Arrow stream, stream; and the most.
+STORE, COMPRESSION, LZ4, SIZE, STREAM, MOST_FIELDS = 1, 2, 2, 3, 5, 32
 
 #: Field of a store with its kind, and the kinds.
 STORE_KIND, RECORDING, LAYOUT = 1, 1, 2
@@ -78,16 +80,17 @@ def viewable(path: Path, folder: Path) -> Path:
 
     Raises what `read_chunks` raises, and OSError if the copy cannot be written.
     """
-    parts = [(message.begin, message.end) for message in _read(path)]
-    if sum(end - begin for begin, end in parts) >= path.stat().st_size - HEAD_BYTES - INDEX_END_BYTES:
+    parts = [(message.begin, message.end, message.kind) for message in _read(path)]
+    if sum(end - begin for begin, end, _ in parts) >= path.stat().st_size - HEAD_BYTES - INDEX_END_BYTES:
         return path
     folder.mkdir(parents=True, exist_ok=True)
     copy = folder / path.name
     with path.open("rb") as file, copy.open("wb") as target:
         target.write(file.read(HEAD_BYTES))
-        for begin, end in parts:
-            file.seek(begin)
-            target.write(file.read(end - begin))
+        for begin, end, kind in parts:
+            if kind != LAST:  # which has the places of all chunks
+                file.seek(begin)
+                target.write(file.read(end - begin))
     return copy
 
 
@@ -125,6 +128,7 @@ class _Message:
 
     begin: int
     end: int
+    kind: int
     store: int = 0
     batch: Any = None
 
@@ -137,7 +141,7 @@ def _read(path: Path) -> Iterator[_Message]:
         raise MissingExtraError("reading a recording", "view") from error
     check_recording(path)
     damage = (pyarrow.ArrowException, ValueError, LookupError, ArithmeticError, MemoryError)
-    at, left_out, intact = HEAD_BYTES, 0, False
+    at, left_out, intact, left_bytes = HEAD_BYTES, 0, False, MOST_BYTES
     why: Exception | None = None
     try:
         with path.open("rb") as file:
@@ -148,7 +152,8 @@ def _read(path: Path) -> Iterator[_Message]:
                 except damage as error:
                     found, why = None, error
                 if found is None:
-                    begin, at = at, _next_chunk(file, at + 1, size)
+                    left_bytes -= max(file.tell() - at, SEARCHED_BYTES)
+                    begin, at = at, _next_chunk(file, at + 1, size) if left_bytes > 0 else size
                     left_out += at - begin
                 else:
                     intact, at = intact or found.batch is not None, found.end
@@ -172,24 +177,23 @@ def _message(file: BinaryIO, begin: int, size: int) -> _Message | None:
     if kind > MOST_KIND or end > size or (kind == LAST and end < size - INDEX_END_BYTES):
         return None
     if kind != CHUNK:
-        return _Message(begin, end)
+        return _Message(begin, end, kind)
     content = file.read(length)
     try:
-        fields = dict(_fields(content))
-        return _Message(begin, end, _store(fields), _batch(fields))
+        fields = dict(islice(_fields(content), MOST_FIELDS))
+        return _Message(begin, end, kind, _store(fields), _batch(fields))
     except OSError as error:  # of LZ4
         raise ValueError(str(error)) from error
 
 
 def _next_chunk(file: BinaryIO, at: int, size: int) -> int:
     """Next place that may be the head of a chunk; the end of the file, or its index, without one."""
-    head = MESSAGE_HEAD.pack(CHUNK, 0)[: MESSAGE_HEAD.size // 2]
     while at < size:
         file.seek(at)
         block = file.read(SEARCHED_BYTES)
-        if (found := block.find(head)) >= 0:
-            return at + found
-        at += max(len(block) - len(head) + 1, 1)
+        if found := CHUNK_BEGIN.search(block):
+            return at + found.start()
+        at += max(len(block) - MESSAGE_HEAD.size, 1)
     return size
 
 
@@ -213,7 +217,7 @@ def _warn(path: Path, left_out_bytes: int, size: int) -> None:
 
 
 def _store(fields: dict[int, Any]) -> int:
-    store: int = dict(_fields(_bytes(fields, STORE)))[STORE_KIND]
+    store: int = dict(islice(_fields(_bytes(fields, STORE)), MOST_FIELDS))[STORE_KIND]
     if store not in (RECORDING, LAYOUT):
         raise ValueError(f"a chunk of store {store!r}")
     return store

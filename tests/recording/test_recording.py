@@ -21,16 +21,11 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.control.log import TickLog
 from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.ik.legs import foot_positions_body
-from hexctl.recording import paths, rrd
+from hexctl.recording import paths, rrd, rrd_reader
 from hexctl.recording import recording as module
 from hexctl.recording.recording import Recording
 from hexctl.recording.rrd import probe_file
-from hexctl.recording.rrd_reader import (
-    END,
-    check_end,
-    read_chunks,
-    viewable,
-)
+from hexctl.recording.rrd_reader import CHUNK, END, MESSAGE_HEAD, check_end, read_chunks, viewable
 from hexctl.recording.viewer import viewer_binary
 from tests.recording.conftest import ReadBack, Trial, write
 from tests.recording.made_up import HEAD, arrow_stream, recording_of
@@ -76,10 +71,20 @@ def test_rerun_finds_nothing_wrong_and_adds_the_index_of_a_long_walk(
     path, indexed = tmp_path / "long.rrd", tmp_path / "indexed.rrd"
     write(path, replace(trial, plan=replace(trial.plan, duration_s=150.0)))
     assert END not in path.read_bytes()
-    for words in (("optimize", path, "-o", indexed), ("verify", indexed), ("verify", written)):
+    spoiled = bytearray(written.read_bytes())
+    zeros(spoiled, len(spoiled) // 2, 16)
+    (damaged := tmp_path / "damaged.rrd").write_bytes(spoiled)
+    intact = viewable(damaged, tmp_path / "spare")  # without an index, which Rerun names and makes
+    for *words, refusal in (
+        ("optimize", path, "-o", indexed, ""),
+        ("verify", indexed, ""),
+        ("verify", written, ""),
+        ("verify", intact, f'"{intact}": Missing RRD footer / no RRD manifests'),
+    ):
         command = [str(viewer_binary()), "rrd", *map(str, words)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
+        assert done.returncode == bool(refusal), done.stderr
+        assert refusal in done.stderr
 
 
 def test_a_killed_program_loses_four_seconds_at_most(
@@ -171,6 +176,7 @@ WRITES_ON = """
 import pickle, sys, time
 from pathlib import Path
 from hexctl.recording import recording as module
+from hexctl.recording import rrd_reader
 module.BLOCK_TICKS = 1
 trial = pickle.load(sys.stdin.buffer)
 recording = module.Recording(Path(sys.argv[1]), trial["robot"], trial["plan"], title="interrupted")
@@ -330,6 +336,22 @@ def test_damage_costs_the_chunks_that_it_hits(
     intact = HEAD + (5 - lost) * chunk
     copied = viewable(path, tmp_path / "spare").read_bytes()
     assert copied == (intact if left_out_bytes > 5 else spoiled), "the beginning of a head hurts no viewer"
+
+
+def test_what_begins_like_chunks_is_not_decoded_to_its_end_each_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    numbers, varint, path = [0], rrd_reader._varint, tmp_path / "hostile.rrd"
+
+    def counted(message: bytes, at: int) -> tuple[int, int]:
+        numbers[0] += 1
+        return varint(message, at)
+
+    monkeypatch.setattr(rrd_reader, "_varint", counted)
+    path.write_bytes(HEAD + 400 * (MESSAGE_HEAD.pack(CHUNK, 1 << 11) + b"\n\0"))
+    with pytest.raises(InputError, match="damaged"):
+        list(read_chunks(path))
+    assert numbers[0] < 5 * path.stat().st_size
 
 
 @pytest.mark.slow
