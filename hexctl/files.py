@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from hexctl.errors import HexctlError, InputError
+from hexctl.errors import HexctlError, InputError, is_of_disk
 from hexctl.scratch import scratch_folder
 
 _LOG = logging.getLogger(__name__)
@@ -162,11 +162,11 @@ def write_new(path: Path, content: str | bytes, name: str, *, mode: int = 0o666)
             with open(os.open(draft, os.O_CREAT | os.O_WRONLY, mode), "wb") as file:
                 file.write(content.encode() if isinstance(content, str) else content)
             sync(draft)
-            _name_new(draft, path)
+            name_new(draft, path, name)
             sync(path.parent)
     except OSError as error:
-        check_new(path, name)
-        raise InputError(f"{name}: {path} cannot be written ({error.strerror})") from error
+        step = "" if is_of_disk(error) else "; allowed: a new file in a folder that you can write to"
+        raise InputError(f"{name}: {path} cannot be written ({error.strerror}){step}") from error
 
 
 def check_new(path: Path, name: str) -> None:
@@ -175,14 +175,17 @@ def check_new(path: Path, name: str) -> None:
         raise InputError(f"{name}: {path} exists; allowed: a new file, nothing is replaced")
 
 
-def _name_new(draft: Path, path: Path) -> None:
-    """Give a draft its name; raises FileExistsError if another process has taken it meanwhile."""
+def name_new(draft: Path, path: Path, name: str) -> None:
+    """Give a draft, a file or a folder, its name; raises InputError if another process has taken it."""
     try:
         os.link(draft, path)
-    except OSError:
-        if os.path.lexists(path):
+    except OSError:  # a folder, or a disk without links, such as FAT: an empty one takes the name first
+        try:
+            path.mkdir() if draft.is_dir() else path.touch(exist_ok=False)
+        except FileExistsError:
+            check_new(path, name)
             raise
-        draft.rename(path)  # on disks without links, such as FAT
+        draft.rename(path)
 
 
 @contextmanager

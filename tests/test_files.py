@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hexctl import files
 from hexctl.archive import MOST_ARCHIVE_BYTES, MOST_ARRAYS, open_archive
 from hexctl.cli.main import exit_code
 from hexctl.errors import InputError, is_of_disk
@@ -110,6 +111,10 @@ def test_a_disk_without_links_takes_new_files(tmp_path: Path, monkeypatch: pytes
 
     monkeypatch.setattr(os, "link", refused)
     write_new(tmp_path / "a", "text", "FILE")
+    for module, name, seen in ((files, "check_new", None), (os.path, "lexists", False)):  # taken meanwhile
+        monkeypatch.setattr(module, name, lambda *_, seen=seen: seen)
+    with pytest.raises(InputError):
+        write_new(tmp_path / "a", "second", "FILE")
     assert (tmp_path / "a").read_text() == "text"
 
 

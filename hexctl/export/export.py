@@ -24,7 +24,7 @@ from hexctl.export.export_options import (
     PictureOptions,
 )
 from hexctl.export.recordings import OnProgress, Trials, is_session, recordings_to_export
-from hexctl.files import OnDamage, check_new, file_instead, log_damage
+from hexctl.files import OnDamage, check_new, file_instead, log_damage, name_new
 from hexctl.options import check_names
 from hexctl.recording.recorded_trial import RecordedTrial, read_trial
 from hexctl.robot.configs import config_names, config_root
@@ -140,7 +140,7 @@ def export(
     asked = ExportOptions(to=to, output=output, **options)
     kind = _format(asked.to, asked.output)
     path = _output(sources[0], kind, asked.output)
-    check_new(path, "export")
+    check_new(path, argument("output"))
     table = kind in ("csv", "parquet") and len(sources) == 1 and is_session(sources[0])
     _check_used(asked, kind, table=table)
     if kind in TRIAL_FORMATS:
@@ -169,7 +169,7 @@ def _disk_errors(path: Path) -> Iterator[None]:
     except OSError as error:
         reason = file_instead(path.parent) or error.strerror
         allowed = "" if is_of_disk(error) else "; allowed: a new file"
-        raise InputError(f"export: {path} cannot be written ({reason}){allowed}") from error
+        raise InputError(f"{argument('output')}: {path} cannot be written ({reason}){allowed}") from error
 
 
 def _check_used(asked: ExportOptions, kind: str, *, table: bool) -> None:
@@ -307,5 +307,4 @@ def _draft(path: Path) -> Iterator[Path]:
     with scratch_folder(path.parent, path.stem) as folder:
         draft = folder / path.name
         yield draft
-        check_new(path, "export")
-        draft.rename(path)
+        name_new(draft, path, argument("output"))

@@ -147,8 +147,8 @@ def test_a_recording_that_is_given_itself_is_never_left_out_nor_a_session_that_h
         (("RECORDING",), {"to": "xlsx"}, "^to: got xlsx"),
         (("RECORDING",), {"to": "gif", "output": "a.csv"}, "^output: got a.csv for gif"),
         (("ant",), {"to": "mjcf", "output": "a.urdf"}, r"such as \.xml$"),
-        (("RECORDING",), {"output": "there.csv"}, "^export: there.csv exists"),
-        (("RECORDING",), {"output": "file/a.csv"}, "^export: file/a.csv cannot be written"),
+        (("RECORDING",), {"output": "there.csv"}, "^output: there.csv exists"),
+        (("RECORDING",), {"output": "file/a.csv"}, "^output: file/a.csv cannot be written"),
         (("RECORDING",), {"to": "csv", "output": "a.csv", "camera": "top"}, "^camera: got the format csv"),
         (("RECORDING",), {"output": "a.csv", "ros2_control": True}, "^ros2_control: got the format csv"),
         (("ant",), {"to": "urdf", "robot": shipped("pexod")}, "^robot: got no recording for urdf"),
@@ -170,6 +170,7 @@ def test_what_is_refused_is_told_in_one_line_and_leaves_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("hexctl.export.export.check_new", lambda *_: None)  # as if written meanwhile
     (tmp_path / "there.csv").write_text("mine")
     (tmp_path / "file").write_text("mine")
     given = [recording if source == "RECORDING" else source for source in sources]
