@@ -238,7 +238,7 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
     except UnicodeEncodeError as error:
         if printable(error.object) == error.object:
             raise
-        return _print_error(f"got {error.object!r}; allowed: names in UTF-8", BAD_INPUT)
+        return _print_error(f"file: got {error.object!r}; allowed: a name in UTF-8; rename it", BAD_INPUT)
     except KeyboardInterrupt:
         began = context is not None and has_begun(context)
         return _print_error("interrupted" if began else not_begun(given), INTERRUPTED)

@@ -146,19 +146,19 @@ class FileServer:
     def __init__(self, origin: str) -> None:
         """Listen at a free loopback port; pages of one origin, such as http://127.0.0.1:9090, may read."""
         self._files: dict[str, Path] = {}
-        self._spare = ExitStack()
+        self._closing, self._folder = ExitStack(), Path()  # of copies, once entered
         self._server = ThreadingHTTPServer((LOCAL, 0), self._handler(origin))
         self._thread = Thread(target=self._server.serve_forever, daemon=True)
 
     def __enter__(self) -> Self:
-        self._folder = self._spare.enter_context(scratch_folder())
+        self._folder = self._closing.enter_context(scratch_folder())
         self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._server.shutdown()
         self._server.server_close()
-        self._spare.close()
+        self._closing.close()
 
     def base(self, folder: str) -> str:
         """Base URL of the files of a folder."""

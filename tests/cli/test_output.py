@@ -59,6 +59,7 @@ LOST = {"received": 90, "lost": 2, "late": 0}
 NOTICED = NoticedFailure(at_s=3.4, failure=Failure(leg=5, kind="limp"), evidence="following", did="stopped")
 LEG_5 = {"noticed": [NOTICED.to_dict()]}
 HOT = ["hot, 72 degrees C: leg 5 femur (id 15)"]
+STEPS = {"height": "0.2", "turn": "-0.174533", "heading": "0.523599", "gait": "wave"}
 EVENTS = ["2:limp@8", "5:missing@14", "2@18"]
 
 
@@ -91,8 +92,8 @@ def shown(capsys: pytest.CaptureFixture[str], **changes: Any) -> dict[str, str]:
         ({"events": EVENTS}, "healed", "leg 2 at 18 s"),
         ({"recording": "runs/my walk.rrd"}, "next: hexct", "l view 'runs/my walk.rrd'"),
         (
-            {"status": "no_progress", "recording": None, "options": {"heading": "0.523599", "gait": "wave"}},
-            *("next: hexct", "l check ant --gait wave --heading 30"),
+            {"status": "no_progress", "recording": None, "options": STEPS},
+            *("next: hexct", "l check ant --gait wave --heading 30 --turn -10 --height 0.2"),
         ),
         ({"task": "walk at 30 degrees"}, "task", "walk at 30 degrees"),
     ],

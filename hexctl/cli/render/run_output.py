@@ -74,10 +74,9 @@ def _next_command(outcome: dict[str, Any], clear: str | None) -> list[str]:
 def _flags(outcome: dict[str, Any]) -> str:
     """Options by which `hexctl check` checks the same walk."""
     options = outcome.get("options", {})
-    if (heading := options.get("heading")) is not None:
-        options = {**options, "heading": f"{math.degrees(float(heading)):g}"}
-    given = [name for name in ("gait", "heading", "pace") if name in options]
-    return "".join(f" --{name} {shlex.quote(str(options[name]))}" for name in given)
+    degrees = {one: f"{math.degrees(float(options[one])):g}" for one in ("heading", "turn") if one in options}
+    given = [one for one in ("gait", "heading", "turn", "pace", "amplitude", "height") if one in options]
+    return "".join(f" --{one} {shlex.quote(str(degrees.get(one, options[one])))}" for one in given)
 
 
 def _turn_missed(miss_deg: float | None) -> list[tuple[str, str]]:
