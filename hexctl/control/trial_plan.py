@@ -145,8 +145,8 @@ class TrialPlan:
         turn_deg_s = math.degrees(self.turn_rate_rad_s)
         spot = "" if self.travel else " on the spot"
         turn = f"turn {'left' if turn_deg_s > 0 else 'right'}{spot} at {abs(turn_deg_s):g} degrees/s"
-        way = f"at {heading_deg:g} degrees" if round(heading_deg, 6) else "ahead"
-        parts = [f"walk {way}" if self.travel else "", turn if turn_deg_s else ""]
+        towards = f"at {heading_deg:g} degrees" if round(heading_deg, 6) else "ahead"
+        parts = [f"walk {towards}" if self.travel else "", turn if turn_deg_s else ""]
         text = " and ".join(filter(None, parts)) or "step on the spot"
         texts = [text, *([] if self.gait.pace_hz == usual_pace_hz else [f"at {self.gait.pace_hz:g} Hz"])]
         return ", ".join([*texts, *(f"then {change}" for change in self.changes)])

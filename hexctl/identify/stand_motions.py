@@ -6,7 +6,7 @@ from hexctl.control.controllers import Controller
 from hexctl.robot.model import Robot
 from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, FloatArray, RobotState
 
-#: Amplitude of a joint about the stance, as a share of the way to its nearer limit, and at most.
+#: Amplitude of a joint about the stance, as a share of the distance to its nearer limit, and at most.
 SHARE, MOST_RAD = 0.6, 0.45
 
 #: Share of the speed limit that motions use.
