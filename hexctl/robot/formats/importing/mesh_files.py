@@ -37,7 +37,7 @@ class UnreadMeshError(ValueError):
     """Why a mesh was not read."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class MeshReader:
     """Reads the meshes that a description names, each file once, up to a total size.
 
