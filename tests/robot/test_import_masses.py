@@ -121,6 +121,19 @@ def test_a_mass_of_an_mjcf_survives_a_missing_mesh(tmp_path: Path) -> None:
     assert "lost.stl" in partly.reasons["body.mass_kg"]
 
 
+@pytest.mark.parametrize("folder", ["", "meshes"])
+def test_a_mesh_is_found_from_the_folder_of_a_relative_mjcf(
+    folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "some" / folder).mkdir(parents=True)
+    (tmp_path / "some" / folder / "box.stl").write_bytes(stl_box())
+    monkeypatch.chdir(tmp_path)
+    mesh = '<asset><mesh name="box" file="box.stl" scale="0.2 0.2 0.05"/></asset><worldbody>'
+    text = MJCF.replace("<worldbody>", f'<compiler meshdir="{folder}"/>{mesh}')
+    text = text.replace('<geom type="box" size="0.11 0.09 0.025" mass="1"/>', '<geom type="mesh" mesh="box"/>')
+    assert imported(Path("some"), text).content["body"]["mass_kg"] == pytest.approx(2.0)
+
+
 def test_masses_that_are_no_part_of_the_robot_are_named(tmp_path: Path) -> None:
     world = hexapod(trunk=BOX).replace('name="r" type="fixed"', 'name="r" type="floating"')
     text = world.replace('<link name="root"/>', f'<link name="root">{INERTIAL}</link>')

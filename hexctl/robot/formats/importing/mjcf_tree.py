@@ -99,7 +99,7 @@ def _with_found_meshes(spec: Any, path: Path) -> _Unread:
         bytes_of_all += file.stat().st_size
         if bytes_of_all > MOST_MESH_BYTES:
             reasons[mesh.name] = f"{mesh.file} (with it, meshes have more than {MOST_MESH_BYTES / 1e6:g} MB)"
-        mesh.file = str(file)
+        mesh.file = str(file.absolute())  # before a relative one MuJoCo puts folders
     for geom in list(spec.geoms):
         if geom.meshname not in reasons:
             continue
