@@ -272,12 +272,27 @@ def with_part(text: str) -> str:
     return MJCF.replace("</worldbody>", f"{text}</worldbody>")
 
 
+MEGABYTE = "a" * 1_000_000
 HOSTILE = {
     "replicate": with_part('<replicate count="100000000"><geom size="1"/></replicate>'),
     "nested replicates": with_part(30 * '<replicate count="9">' + '<geom size="1"/>' + 30 * "</replicate>"),
     "flexcomp": with_part('<body><flexcomp name="f" type="grid" count="300 300 300" dim="3"/></body>'),
     "hfield": with_head('<asset><hfield name="h" nrow="100000" ncol="100000" size="1 1 1 1"/></asset>'),
-    "a pipe": with_head('<include file="pipe"/>'),
+    **{
+        f"a pipe, {words}": f"<mujoco>{before}<include file={name}/>{after}</mujoco>"
+        for words, before, name, after in (
+            ("plain", "", '"pipe"', ""),
+            ("escaped", "", '"&#x70;ipe"', ""),
+            ("between comments in attributes", '<option a="<!--"/>', '"pipe"', '<option a="-->"/>'),
+            ("between comments in CDATA", "<![CDATA[<!--]]>", '"pipe"', "<![CDATA[-->]]>"),
+            ("after a megabyte of a name", "<" + MEGABYTE, '"pipe"', ""),
+            ("after a megabyte of an attribute", f"<a {MEGABYTE}>", '"pipe"', ""),
+            ("before comments", "", '"pipe"', "<!--" * 250_000),
+        )
+    },
+    "a pipe after a space": "<mujoco>< include file='pipe'/></mujoco>",
+    "a negative count": with_part('<replicate count="-1e9"><geom size="1"/></replicate>'),
+    "a count that is no number": with_part('<replicate count="nan"><geom size="1"/></replicate>'),
     "itself": with_head('<include file="some.xml"/>'),
     "a built-in mesh": with_head('<asset><mesh name="m" builtin="supersphere" params="30000 1 1"/></asset>'),
     "files of files": with_head('<asset><model name="m0" file="m0"/></asset>').replace(

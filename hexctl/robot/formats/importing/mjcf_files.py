@@ -1,5 +1,7 @@
-"""What an MJCF and the files that it includes ask of MuJoCo, which reads pipes and repeats without end."""
+"""Limits of an MJCF and of the files that it includes: MuJoCo reads pipes and repeats without end."""
 
+import html
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -15,10 +17,14 @@ MOST_ELEMENTS, MOST_DEPTH, MOST_POINTS, MOST_SIDES = 5_000, 8, 1_000_000, 100
 #: Elements that make bodies of cloth, ropes and grains.
 SOFT = ("composite", "flexcomp")
 
-#: MuJoCo's XML is less strict than XML, therefore tags are found by their brackets.
-_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
-_TAG = re.compile(r"""<(/?)([\w:.-]+)((?:"[^"]*"|'[^']*'|[^<>"'/]|/(?!>))*+)(/?)>""")
-_ATTRIBUTE = re.compile(r"""([\w:.-]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
+#: MuJoCo's XML is less strict than XML, therefore tags are found by their brackets, and comments, CDATA and
+#: declarations between them. Each pattern reads a text once: it gives nothing back (`++`).
+_TAG = re.compile(
+    r"<!--(?:.*?-->|.*)|<!\[CDATA\[(?:.*?]]>|.*)|<\?(?:.*?\?>|.*)|<![^>]*"
+    r"""|<\s*+(/?)([\w:.-]++)((?:"[^"]*"|'[^']*'|[^<>"'/]|/(?!>))*+)(/?)>""",
+    re.DOTALL,
+)
+_ATTRIBUTE = re.compile(r"""(?<![\w:.-])([\w:.-]++)\s*+=\s*(?:"([^"]*)"|'([^']*)')""")
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +35,14 @@ class _Tag:
     closes: bool
 
     def number(self, key: str) -> float:
-        """A number, or 1 for anything else, which MuJoCo refuses."""
+        """Size of a number, at least 1; 1 for anything else, which MuJoCo refuses."""
         try:
-            return float(self.values.get(key, ""))
+            value = float(self.values.get(key, ""))
         except ValueError:
             return 1.0
+        if not math.isfinite(value):
+            raise ValueError(f"has {key}={value} in a <{self.name}>")
+        return max(1.0, abs(value))
 
 
 def check_mjcf_files(path: Path) -> None:
@@ -80,7 +89,7 @@ class _Sizes:
 def _check(tag: _Tag) -> None:
     if tag.name in SOFT:
         raise ValueError(f"has a <{tag.name}>, which is no part of a robot with servos")
-    if tag.name == "hfield" and abs(tag.number("nrow") * tag.number("ncol")) > MOST_POINTS:
+    if tag.name == "hfield" and tag.number("nrow") * tag.number("ncol") > MOST_POINTS:
         raise ValueError(f"has a height field of more than {MOST_POINTS} points")
     if tag.name == "mesh" and any(
         float(one) > MOST_SIDES for one in re.findall(r"\d+", tag.values.get("params", ""))
@@ -89,8 +98,9 @@ def _check(tag: _Tag) -> None:
 
 
 def _tags(path: Path) -> Iterator[_Tag]:
-    text = _COMMENT.sub("", read_file(path, MOST_BYTES).decode("utf-8", "replace"))
-    for found in _TAG.finditer(text):
+    for found in _TAG.finditer(read_file(path, MOST_BYTES).decode("utf-8", "replace")):
         slash, name, attributes, end = found.groups()
-        values = {key: one or other for key, one, other in _ATTRIBUTE.findall(attributes)}
-        yield _Tag(name, values, opens=not slash, closes=bool(slash or end))
+        if name is not None:
+            pairs = _ATTRIBUTE.findall(attributes)
+            values = {key: html.unescape(one or other) for key, one, other in pairs}
+            yield _Tag(name, values, opens=not slash, closes=bool(slash or end))

@@ -179,7 +179,7 @@ def _read(path: Path) -> LinkTree:
         start = read_file(path, MOST_BYTES)
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read ({error}); allowed: a URDF or an MJCF") from error
-    tag = re.search(rb"<\s*([A-Za-z][\w:]*)", re.sub(rb"<!--.*?-->", b"", start, flags=re.DOTALL))
+    tag = re.search(rb"<\s*([A-Za-z][\w:]*)", re.sub(rb"<!--(?:.*?-->|.*)", b"", start, flags=re.DOTALL))
     return read_mjcf(path) if tag is not None and tag[1] == b"mujoco" else read_urdf(path)
 
 
