@@ -3,6 +3,7 @@
 import os
 import random
 import re
+import signal
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -22,6 +23,7 @@ from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
+from tests.cli.terminals import run_program
 from tests.robot.hexapods import BOX, INERTIAL, MOUNTS, fixed, hexapod, imported, inertial
 from tests.robot.meshmaking import stl_box
 from tests.robot.test_robot_import import MJCF, scaled
@@ -108,15 +110,17 @@ def test_arms_are_no_legs_and_their_masses_are_those_of_the_trunk(
     assert any("on_arm0_0" in note for note in made.notes)
 
 
+#: The trunk of the MJCF.
+SHELL = '<geom type="box" size="0.11 0.09 0.025" mass="1"/>'
+
+
 def test_a_mass_of_an_mjcf_survives_a_missing_mesh(tmp_path: Path) -> None:
     text = MJCF.replace("<worldbody>", '<asset><mesh name="lost" file="lost.stl"/></asset><worldbody>')
-    trunk = '<geom type="box" size="0.11 0.09 0.025" mass="1"/>'
-    assert trunk in text
-    made = imported(tmp_path, text.replace(trunk, '<geom type="mesh" mesh="lost" mass="0.8"/>'))
+    made = imported(tmp_path, text.replace(SHELL, '<geom type="mesh" mesh="lost" mass="0.8"/>'))
     assert made.content["body"]["mass_kg"] == pytest.approx(0.8)
     assert "body.mass_kg" not in made.unknown
     assert "body.inertia_kg_m2" in made.unknown
-    partly = imported(tmp_path, text.replace(trunk, trunk + '<geom type="mesh" mesh="lost"/>'))
+    partly = imported(tmp_path, text.replace(SHELL, SHELL + '<geom type="mesh" mesh="lost"/>'))
     assert partly.content["body"]["mass_kg"] == pytest.approx(1.0)
     assert "lost.stl" in partly.reasons["body.mass_kg"]
 
@@ -130,7 +134,7 @@ def test_a_mesh_is_found_from_the_folder_of_a_relative_mjcf(
     monkeypatch.chdir(tmp_path)
     mesh = '<asset><mesh name="box" file="box.stl" scale="0.2 0.2 0.05"/></asset><worldbody>'
     text = MJCF.replace("<worldbody>", f'<compiler meshdir="{folder}"/>{mesh}')
-    text = text.replace('<geom type="box" size="0.11 0.09 0.025" mass="1"/>', '<geom type="mesh" mesh="box"/>')
+    text = text.replace(SHELL, '<geom type="mesh" mesh="box"/>')
     assert imported(Path("some"), text).content["body"]["mass_kg"] == pytest.approx(2.0)
 
 
@@ -331,12 +335,32 @@ def test_a_hostile_description_is_refused_before_it_is_compiled(case: str, tmp_p
 
 
 @pytest.mark.slow
-def test_mujoco_runs_in_a_child_that_is_limited(tmp_path: Path) -> None:
+def test_mujoco_runs_in_a_child_that_is_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "some.xml"
     path.write_text(MJCF, encoding="utf-8")
     assert import_robot(path).content == imported(tmp_path, MJCF).content
     with patch.object(mjcf_process, "TIMEOUT_S", 0.01), pytest.raises(InputError, match=r"some\.xml"):
         import_robot(path)
     path.write_text(with_head('<size memory="900G"/>'), encoding="utf-8")
-    with pytest.raises(InputError, match=r"some\.xml"):
+    with pytest.raises(InputError, match=r"some\.xml.* MB"):
         import_robot(path)
+    (tmp_path / "mujoco.py").write_text("raise IndexError('last words')")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(InputError, match="last words"):
+        import_robot(path)
+
+
+#: Sets the limits of the child under other limits, and with the signals of a command.
+LIMITED = """
+import resource, signal, time
+from hexctl.robot.formats.importing import mjcf_process
+resource.setrlimit(resource.RLIMIT_DATA, (300_000_000, 300_000_000))
+signal.signal(signal.SIGALRM, signal.SIG_IGN)
+mjcf_process.MOST_S = 0.1
+mjcf_process._limit()
+time.sleep(60)
+"""
+
+
+def test_the_child_ends_without_its_parent_and_keeps_narrower_limits() -> None:
+    assert run_program(LIMITED).returncode == -signal.SIGALRM

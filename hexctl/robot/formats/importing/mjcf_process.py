@@ -3,7 +3,9 @@
 import math
 import os
 import pickle
+import re
 import resource
+import signal
 import subprocess
 import sys
 import time
@@ -14,11 +16,14 @@ from hexctl.errors import InputError, MissingExtraError
 from hexctl.robot.formats.importing.link_tree import LinkTree
 from hexctl.robot.formats.importing.mjcf_files import check_mjcf_files
 
-#: Memory and processor time of the child after its imports, and the time until it must have answered.
-MOST_MB, MOST_CPU_S, TIMEOUT_S = 360, 2, 20.0
+#: Memory of the child, its processor time and wall time after its imports, and the wall time from its start.
+MOST_MB, MOST_CPU_S, MOST_S, TIMEOUT_S = 360, 3, 10.0, 20.0
 
 #: The child draws nothing, and its matrices are small.
 _ENVIRONMENT = {"MUJOCO_GL": "disable", "OPENBLAS_NUM_THREADS": "1"}
+
+#: Folder of this package, which the parent may know only by its current folder.
+_ROOT = str(Path(__file__).parents[4])
 
 
 def read_mjcf(path: Path) -> LinkTree:
@@ -36,31 +41,47 @@ def read_mjcf(path: Path) -> LinkTree:
 
 
 def _answer(path: Path) -> tuple[str, Any]:
+    paths = [*filter(None, sys.path), _ROOT]
     try:
         done = subprocess.run(
             # -P: no file in the working folder replaces a module.
             [sys.executable, "-P", "-m", __name__, str(path)],
             stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
+            capture_output=True,
             start_new_session=True,  # Ctrl-C is for the parent, which ends the child
-            env={**os.environ, **_ENVIRONMENT},
+            env={**os.environ, **_ENVIRONMENT, "PYTHONPATH": os.pathsep.join(paths)},
             timeout=TIMEOUT_S,
             check=False,
         )
     except subprocess.TimeoutExpired:
         return "refused", f"MuJoCo did not compile it in {TIMEOUT_S:g} s"
     if done.returncode:
-        return "refused", f"MuJoCo failed, or needed more than {MOST_CPU_S} s or {MOST_MB} MB"
+        return "refused", _failure(-done.returncode, done.stderr.decode("utf-8", "replace"))
     return pickle.loads(done.stdout)  # type: ignore[no-any-return]  # noqa: S301  of our own child
 
 
+def _failure(ended_by: int, printed: str) -> str:
+    """Why the child failed, from its signal and its last words."""
+    if ended_by == signal.SIGALRM:
+        return f"MuJoCo did not compile it in {MOST_S:g} s"
+    last = (printed.splitlines() or [""])[-1].strip()
+    if ended_by in (signal.SIGXCPU, signal.SIGKILL) or re.search("MemoryError|bad_alloc", last):
+        return f"MuJoCo needs more than {MOST_CPU_S} s or {MOST_MB} MB for it"
+    return f"MuJoCo failed ({last or f'status {-ended_by}'})"
+
+
 def _limit() -> None:
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    cpu_s = math.ceil(time.process_time()) + MOST_CPU_S
-    resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s))
-    data = MOST_MB * 1_000_000
-    resource.setrlimit(resource.RLIMIT_DATA, (data, data))
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # the command ignores it
+    signal.setitimer(signal.ITIMER_REAL, MOST_S)  # also ends a child that has lost its parent
+    _limit_one(resource.RLIMIT_CORE, 0)
+    _limit_one(resource.RLIMIT_CPU, math.ceil(time.process_time()) + MOST_CPU_S)
+    _limit_one(resource.RLIMIT_DATA, MOST_MB * 1_000_000)
+
+
+def _limit_one(kind: int, most: int) -> None:
+    _, hard = resource.getrlimit(kind)
+    most = most if hard == resource.RLIM_INFINITY else min(most, hard)
+    resource.setrlimit(kind, (most, most))
 
 
 def answer_here(path: Path, *, limited: bool = False) -> tuple[str, Any]:
