@@ -136,6 +136,11 @@ def test_a_mesh_is_found_from_the_folder_of_a_relative_mjcf(
     text = MJCF.replace("<worldbody>", f'<compiler meshdir="{folder}"/>{mesh}')
     text = text.replace(SHELL, '<geom type="mesh" mesh="box"/>')
     assert imported(Path("some"), text).content["body"]["mass_kg"] == pytest.approx(2.0)
+    monkeypatch.setattr("hexctl.robot.formats.importing.mjcf_tree.MOST_MESH_BYTES", 500)
+    unread = imported(Path("some"), text)
+    assert unread.content["body"]["mass_kg"] == pytest.approx(2.0)
+    assert "body.mass_kg" not in unread.unknown
+    assert "body.inertia_kg_m2" in unread.unknown
 
 
 def test_masses_that_are_no_part_of_the_robot_are_named(tmp_path: Path) -> None:

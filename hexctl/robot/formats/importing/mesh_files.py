@@ -128,12 +128,27 @@ def _folded(name: str) -> str:
     return unicodedata.normalize("NFC", name).casefold()
 
 
+def stl_volume(file: Path) -> float:
+    """Volume of a binary STL in its unit, by signed tetrahedra; NaN for any other file."""
+    try:
+        corners = _binary_stl(read_file(file, MOST_BYTES)).reshape(-1, 3, 3)
+    except (OSError, ValueError):
+        return math.nan
+    first, second, third = np.moveaxis(corners - corners[:1, :1], 1, 0)
+    return abs(float(np.sum(first * np.cross(second, third)))) / 6 or math.nan
+
+
 def _stl(content: bytes) -> FloatArray:
+    corners = _binary_stl(content)
+    return corners if len(corners) else _rows(content, b"vertex")
+
+
+def _binary_stl(content: bytes) -> FloatArray:
     count = int.from_bytes(content[80:84], "little")
-    if count and len(content) == STL_HEAD + STL_TRIANGLE * count:
-        triangles = np.frombuffer(content[STL_HEAD:], dtype=np.uint8).reshape(count, STL_TRIANGLE)
-        return np.asarray(triangles[:, 12:48].copy().view("<f4").reshape(-1, 3), dtype=float)
-    return _rows(content, b"vertex")
+    if len(content) != STL_HEAD + STL_TRIANGLE * count:
+        return np.zeros((0, 3))
+    triangles = np.frombuffer(content[STL_HEAD:], dtype=np.uint8).reshape(count, STL_TRIANGLE)
+    return np.asarray(triangles[:, 12:48].copy().view("<f4").reshape(-1, 3), dtype=float)
 
 
 def _obj(content: bytes) -> FloatArray:

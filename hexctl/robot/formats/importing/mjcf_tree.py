@@ -18,7 +18,7 @@ from hexctl.robot.formats.importing.link_tree import (
     TreeLink,
     tree_of,
 )
-from hexctl.robot.formats.importing.mesh_files import find_mesh
+from hexctl.robot.formats.importing.mesh_files import MOST_BYTES_OF_ALL, find_mesh, stl_volume
 from hexctl.robot.formats.mjcf import GEAR_KEY
 from hexctl.robot.rotations import frame_of, matrix_of
 from hexctl.robot.schema import USUAL_GEAR_DAMPING_NM_S_PER_RAD
@@ -88,8 +88,8 @@ class _Unread:
 
 
 def _with_found_meshes(spec: Any, path: Path) -> _Unread:
-    """Put balls of no size, with the masses in the file, in place of unread meshes."""
-    unread, bytes_of_all = _Unread(), 0
+    """Put balls of no size, with the masses in the file or by density, in place of unread meshes."""
+    unread, bytes_of_all, volumes_m3 = _Unread(), 0, dict[str, float]()
     found = {one.name: (one, _mesh_file(spec, path, one.file)) for one in spec.meshes if one.file}
     missing = {name: mesh for name, (mesh, file) in found.items() if file is None}
     reasons = {name: f"{mesh.file} (not found)" for name, mesh in missing.items()}
@@ -99,11 +99,15 @@ def _with_found_meshes(spec: Any, path: Path) -> _Unread:
         bytes_of_all += file.stat().st_size
         if bytes_of_all > MOST_MESH_BYTES:
             reasons[mesh.name] = f"{mesh.file} (with it, meshes have more than {MOST_MESH_BYTES / 1e6:g} MB)"
+            if bytes_of_all <= MOST_BYTES_OF_ALL:
+                volumes_m3[mesh.name] = abs(math.prod(mesh.scale)) * stl_volume(file)
         mesh.file = str(file.absolute())  # before a relative one MuJoCo puts folders
     for geom in list(spec.geoms):
         if geom.meshname not in reasons:
             continue
         body, reason = geom.parent, reasons[geom.meshname]
+        if not math.isfinite(geom.mass):
+            geom.mass = geom.density * volumes_m3.get(geom.meshname, math.nan)
         unread.meshes.setdefault(body.name, []).append(reason)
         if spec.compiler.inertiafromgeom == 1 or not body.explicitinertial:
             unread.uneven.add(body.name)
