@@ -149,6 +149,16 @@ def test_a_second_ctrl_c_in_a_walk_names_the_recording(
     )
 
 
+def test_a_ctrl_c_after_a_walk_is_not_before_it(
+    call: Call, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("hexctl.runs.run.Run.__exit__", interrupt)
+    path = tmp_path / "walk.rrd"
+    for record, said in ((["--no-record"], ""), (["--record", str(path)], f"; recorded: {path}")):
+        err = call("run --duration 0.2", *record, code=130).err
+        assert err.splitlines()[-1] == f"hexctl: interrupted after the walk{said}"
+
+
 @pytest.mark.parametrize("command", ["run", "sessions list"])
 def test_a_ctrl_c_that_a_command_does_not_handle_is_a_line(
     command: str, call: Call, monkeypatch: pytest.MonkeyPatch

@@ -144,9 +144,30 @@ class YawMock(PosedMock):
         self.position_world = None
 
 
+class PositionMock(YawMock):
+    """A robot that reports its position only at the fifth reading."""
+
+    reads = 0
+
+    def read(self) -> RobotState:
+        self.reads += 1
+        if self.reads > 4:
+            self.position_world = np.zeros(3)
+        return super().read()
+
+
 @pytest.fixture
 def _position_comes_soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hexctl.runs.run.POSITION_COMES_S", 0.2)
+
+
+@pytest.mark.usefixtures("_position_comes_soon")
+@pytest.mark.parametrize(("kit", "rotation"), [("PositionMock", "none"), ("YawMock", "rear")])
+def test_only_without_a_position_a_failed_leg_is_turned_to_the_rear(kit: str, rotation: str) -> None:
+    with Run(RunSpec(failure=Failure(leg=2), gait="auto", backend=f"{__name__}:{kit}")) as connected:
+        assert connected.plan.self_rotation == rotation
+        gait = connected.plan.gait
+    assert (gait.posture.body_raise > 0) == (rotation == "none"), "the gait is the one for that direction"
 
 
 @pytest.mark.usefixtures("_position_comes_soon")

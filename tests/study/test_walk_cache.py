@@ -168,6 +168,10 @@ def test_whatever_decides_a_walk_is_in_the_fingerprint(place: Any, changes: dict
     assert replace(place).fingerprint == place.fingerprint
 
 
+def test_the_name_of_a_family_is_not_in_the_fingerprint() -> None:
+    assert replace(HOLD_PLACE, family="other", kind="plain").fingerprint == HOLD_PLACE.fingerprint
+
+
 def test_other_code_has_other_files(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(walk_cache, "_versions", lambda _: {"source": "before"})
     before = spec().fingerprint
