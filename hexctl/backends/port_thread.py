@@ -75,7 +75,8 @@ class PortThread(ABC, Generic[Device]):
         self._targets: FloatArray | None = None
         self._sent: FloatArray | None = None
         self._release = False  # whether torque still has to be switched off
-        self.on = False
+        self.on = self._ended = False
+        self._ending = threading.Lock()
         self.gone: str | None = None
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
@@ -89,7 +90,7 @@ class PortThread(ABC, Generic[Device]):
         self._wake.set()
         if self._thread.ident is not None:
             self._time.join(self._thread)
-        else:  # connecting was interrupted
+        else:  # connecting was interrupted, perhaps while the thread began
             self._end()
 
     def send(self, targets: FloatArray) -> None:
@@ -207,16 +208,18 @@ class PortThread(ABC, Generic[Device]):
         return True
 
     def _end(self) -> None:
-        if self.gone is not None:
-            return
-        try:
-            if self._release:
-                self._let_go()
-            self._finish()
-        except Exception as error:  # noqa: BLE001  no caller is left
-            self.gone = reason_of(error)
-        with contextlib.suppress(Exception):
-            self._device.close()
+        with self._ending:
+            if self._ended or self.gone is not None:
+                return
+            self._ended = True
+            try:
+                if self._release:
+                    self._let_go()
+                self._finish()
+            except Exception as error:  # noqa: BLE001  no caller is left
+                self.gone = reason_of(error)
+            with contextlib.suppress(Exception):
+                self._device.close()
 
 
 def reason_of(error: Exception) -> str:

@@ -87,6 +87,16 @@ def time() -> FakeTime:
 
 POSE = np.full(18, 1500.0)
 
+
+def test_a_thread_that_begins_after_its_stop_leaves_a_closed_port(time: FakeTime) -> None:
+    board = _Board(time)
+    thread = _thread(board, lambda: board)
+    thread.stop()
+    thread.start()
+    thread.stop()
+    assert board.said.count("close") == 1
+
+
 ERRORS = [OSError(5, "Input/output error"), ValueError("not a number"), RuntimeError(), KeyError("x")]
 
 
