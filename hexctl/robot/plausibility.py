@@ -51,29 +51,26 @@ def mass_problem(
         leg_m: length of a leg.
     """
     if leg_m > MOST_LEG_M:
-        return f"got legs of {leg_m:.4g} m; {_allowed(f'up to {MOST_LEG_M:g} m', 'mm, cm or inches')}"
+        return f"got legs of {leg_m:.4g} m; allowed: up to {MOST_LEG_M:g} m; convert mm, cm or inches to m"
     kind, (mass_kg, _) = max(parts.items(), key=lambda part: part[1][0])
     if mass_kg > MOST_MASS_KG:
-        return f"got a {kind} of {mass_kg:.4g} kg; {_allowed(f'up to {MOST_MASS_KG:g} kg', 'grams')}"
+        return f"got a {kind} of {mass_kg:.4g} kg; allowed: up to {MOST_MASS_KG:g} kg; convert grams to kg"
     dense = [name for name, (part_kg, size_m) in parts.items() if too_dense(part_kg, size_m)]
     if len(dense) > len(parts) / 2:
         masses = ", ".join(f"{name} {part_kg:.4g} kg" for name, (part_kg, _) in parts.items())
         return (
             f"got masses of {masses} with legs of {leg_m:.3g} m; "
-            f"{_allowed(f'parts of up to {MOST_KG_M3:g} kg/m3', 'grams')}"
+            f"allowed: parts of up to {MOST_KG_M3:g} kg/m3; convert grams to kg"
         )
     low_kg, high_kg = (density * leg_m**3 for density in LEG_KG_M3)
     if robot_kg is not None and not low_kg <= robot_kg <= high_kg:
-        units = "cm, inches or ten-fold lengths" if robot_kg < low_kg else "grams or shorter lengths"
+        light = robot_kg < low_kg
+        units = "cm, inches or ten-fold lengths" if light else "grams to kg, or shorter lengths"
         return (
             f"got a robot of {robot_kg:.3g} kg with legs of {leg_m:.3g} m; "
-            f"{_allowed(f'{low_kg:.2g} to {high_kg:.2g} kg', units)}"
+            f"allowed: {low_kg:.2g} to {high_kg:.2g} kg; convert {units} to m"
         )
     return ""
-
-
-def _allowed(text: str, units: str) -> str:
-    return f"allowed: {text}; if the file counts in {units}, convert it to metres and kilograms"
 
 
 def range_problem(ranges_deg: Sequence[float]) -> str:
@@ -91,7 +88,7 @@ def inertia_problem(moments: FloatArray, even: Sequence[float], bounds: tuple[fl
     share = float(np.sum(moments)) / sum(even)
     if bounds[0] <= share <= bounds[1]:
         return ""
-    return f"got moments of inertia {share:.2g} times those of the filled shape: are they of another mass?"
+    return f"got moments of inertia {share:.2g} times those of the filled shape; is the mass another?"
 
 
 def bench_problem(mass_kg: float, length_m: float, angles_rad: FloatArray, time_s: FloatArray) -> str:
@@ -104,18 +101,18 @@ def bench_problem(mass_kg: float, length_m: float, angles_rad: FloatArray, time_
         return f"length: got {length_m:g} m; allowed: up to {MOST_BAR_M:g} m; are these mm or cm?"
     if load_nm > TORQUES_NM[1]:
         return (
-            f"mass and length: got a load of {load_nm:.3g} N m; allowed: up to {TORQUES_NM[1]:g} N m; "
-            "are these grams, mm or cm?"
+            f"mass and length: got a load of {load_nm:.3g} N m; allowed: up to {TORQUES_NM[1]:g}; "
+            "grams, mm or cm?"
         )
     if most_rad > MOST_BENCH_RAD:
         return (
-            f"position and goal_position: got up to {most_rad:.4g} rad; allowed: within {MOST_BENCH_RAD:.3g} "
-            "rad of hanging; are these degrees or counts?"
+            f"position, goal_position: got {most_rad:.4g} rad; allowed: up to {MOST_BENCH_RAD:.3g}; "
+            "degrees or counts?"
         )
     if not BENCH_PERIODS_S[0] <= period_s <= BENCH_PERIODS_S[1]:
         return (
             f"timestamp: got a period of {period_s:.3g} s; allowed: {BENCH_PERIODS_S[0]:g} to "
-            f"{BENCH_PERIODS_S[1]:g} s; are these milliseconds?"
+            f"{BENCH_PERIODS_S[1]:g}; milliseconds?"
         )
     if gap_s > MOST_GAP_S:
         return f"timestamp: got a gap of {gap_s:.4g} s; allowed: up to {MOST_GAP_S:g} s; cut the run there"

@@ -125,12 +125,12 @@ def _print_doubts(found: "Identification") -> None:
         )
     if (left_deg := _left_deg(found)) > POOR_DEG:
         print_message(
-            f"a poor fit, {left_deg:.2f} deg are left: the values may be wrong; on a stand no "
-            "foot may touch anything, and the robot file must have the right masses and lengths"
+            f"a poor fit, {left_deg:.2f} deg are left: the values may be wrong; has a leg failed? On a stand "
+            "no foot may touch anything, and the robot file must have the right masses and lengths"
         )
     if (share := _left_share(found)) > POOR_SHARE:
         print_message(
-            f"a poor fit, {100 * share:.0f} % of the motion are left: the values may be wrong; the runs must "
+            f"a poor fit, {100 * share:.0f} % of the motion is left: the values may be wrong; the runs must "
             "count in rad, m, kg and s, not in degrees, mm or grams"
         )
 
