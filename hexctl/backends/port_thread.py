@@ -67,9 +67,8 @@ class PortThread(ABC, Generic[Device]):
         name: str,
         time: TimeSource = WALL_TIME,
     ) -> None:
-        self._time = time
-        self._open, self._device, self._port_counters = opened, device, counters
-        self._steps = PERIOD_S * speeds
+        self._time, self._open, self._device = time, opened, device
+        self._port_counters, self._steps = counters, PERIOD_S * speeds
         self._allowance, self._stepped_at_s = np.ones(len(speeds)), self._time.now()
         self._lock, self._wake, self._stopping = threading.Lock(), threading.Event(), threading.Event()
         self._targets: FloatArray | None = None
@@ -90,8 +89,7 @@ class PortThread(ABC, Generic[Device]):
         self._wake.set()
         if self._thread.ident is not None:
             self._time.join(self._thread)
-        else:  # connecting was interrupted, perhaps while the thread began
-            self._end()
+        self._end()  # if connecting was interrupted, perhaps while the thread began
 
     def send(self, targets: FloatArray) -> None:
         """Set the next targets, (18,) in the units of the port."""
