@@ -20,7 +20,7 @@ CEILINGS = {
     "ik": 1_190,
     "learning": 430,
     "recording": 4_270,
-    "robot": 7_000,
+    "robot": 7_050,
     "runs": 1_100,
     "server": 3_960,
     "simulators": 2_280,
