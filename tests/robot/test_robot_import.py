@@ -583,7 +583,7 @@ LACKING = r"4 hinges \(jc1 about .*make the other hinges `fixed`"
 
 #: Descriptions that are refused, and what the message says.
 REFUSED = {
-    "lengths in mm": (scaled(hexapod(), 1000), "legs of 240 m.*metres"),
+    "lengths in mm": (scaled(hexapod(), 1000), "legs of 240 m.*mm"),
     "masses in grams": (HEAVY, "trunk of 1200 kg.*grams"),
     "radians in an MJCF of degrees": (re.sub('range="[^"]*"', 'range="-1.2 1.3"', MJCF), 'angle="radian"'),
     "a foot beside its leg": (hexapod(foot_y_m=0.07), "outside the plane of its leg; allowed: 60 mm"),
