@@ -10,7 +10,7 @@ from hexctl.types import FloatArray, RobotState, by_leg
 #: Period in which the way of the legs is followed: less often a step would be missed.
 FOLLOWED_S = 0.1
 
-#: Joint angles that keep every bit for this long are frozen, if the targets of so many legs moved by this.
+#: Joint angles that keep every bit for this long after the targets of so many legs moved by this are frozen.
 REPEATED_S, MOVED_RAD, LEAST_LEGS = 0.5, 0.05, 3
 
 
@@ -74,10 +74,10 @@ class RepeatedAngles:
             self._least_rad = self._most_rad = targets_rad
         self._least_rad = np.minimum(self._least_rad, targets_rad)
         self._most_rad = np.maximum(self._most_rad, targets_rad)
-        if now_s - self._since_s <= REPEATED_S:
-            return False
         moved = (by_leg(self._most_rad - self._least_rad) > MOVED_RAD).any(axis=-1)
-        return int(moved.sum()) >= LEAST_LEGS
+        if int(moved.sum()) < LEAST_LEGS:
+            self._since_s = now_s  # honest angles lag behind the first targets after a rest
+        return now_s - self._since_s > REPEATED_S
 
 
 class WalkedPosition:
