@@ -6,6 +6,9 @@ from collections import OrderedDict
 #: Bound on the relative drift of two monotonic clocks: 100 ppm each, up to 500 ppm while NTP slews one.
 DRIFT = 1000e-6
 
+#: The same for the ceramic resonator of a microcontroller.
+BOARD_DRIFT = 0.02
+
 
 class TransitDelay:
     """Delay of each message relative to the fastest one so far.
@@ -13,8 +16,8 @@ class TransitDelay:
     A delay above `other_clock_s` means that the sender has started again, with another clock.
     """
 
-    def __init__(self, other_clock_s: float = math.inf) -> None:
-        self._other_clock_s = other_clock_s
+    def __init__(self, other_clock_s: float = math.inf, *, drift: float = DRIFT) -> None:
+        self._other_clock_s, self._drift = other_clock_s, drift
         self._fastest_s = math.inf
         self._at_s = -math.inf
 
@@ -22,7 +25,7 @@ class TransitDelay:
         """Time by which a message took longer than the fastest one so far, in s."""
         took_s = arrived_s - stamp_s
         if math.isfinite(self._at_s):
-            self._fastest_s += DRIFT * max(0.0, arrived_s - self._at_s)
+            self._fastest_s += self._drift * max(0.0, arrived_s - self._at_s)
         self._at_s = max(self._at_s, arrived_s)
         if took_s - self._fastest_s > self._other_clock_s:
             self._fastest_s = took_s
@@ -47,8 +50,8 @@ class StampCheck:
         late: number of dropped messages.
     """
 
-    def __init__(self, renewed_s: float = math.inf) -> None:
-        self._renewed_s = renewed_s
+    def __init__(self, renewed_s: float = math.inf, *, drift: float = DRIFT) -> None:
+        self._renewed_s, self._drift = renewed_s, drift
         self._senders: OrderedDict[bytes, tuple[float, TransitDelay]] = OrderedDict()
         self.late = 0
 
@@ -56,9 +59,9 @@ class StampCheck:
         """Whether a message is not late; `stamp_s` is None for one without a stamp, which never is."""
         if stamp_s is None:
             return True
-        heard_s, transit = self._senders.pop(sender, (arrived_s, TransitDelay()))
+        heard_s, transit = self._senders.pop(sender, (arrived_s, TransitDelay(drift=self._drift)))
         if arrived_s - heard_s > self._renewed_s:
-            transit = TransitDelay()
+            transit = TransitDelay(drift=self._drift)
         self._senders[sender] = arrived_s, transit
         if len(self._senders) > MOST_SENDERS:
             self._senders.popitem(last=False)

@@ -29,7 +29,7 @@ from hexctl.robot.model import Robot
 from hexctl.robot.servos.servo_map import ServoMap
 from hexctl.types import FloatArray, RobotState
 from hexctl.waiting import wait_for
-from hexctl.wire.transit_delay import StampCheck
+from hexctl.wire.transit_delay import BOARD_DRIFT, StampCheck
 
 #: How long a board may take for its first heartbeat, and then for its first servo positions.
 CONNECT_TIMEOUT_S = 3.0
@@ -185,9 +185,9 @@ class Receiver:
         stamp_s = mavlink_messages.stamp_s(frame.message)
         if stamp_s is None:
             return True
-        before_s, check = self._stamps.get(frame.kind, (stamp_s, StampCheck()))
+        before_s, check = self._stamps.get(frame.kind, (math.inf, StampCheck()))
         if stamp_s < before_s:
-            check = StampCheck()
+            check = StampCheck(drift=BOARD_DRIFT)
         self._stamps[frame.kind] = stamp_s, check
         return check.admits(stamp_s, at_s)
 
