@@ -177,7 +177,13 @@ def test_a_pose_comes_from_ned_and_is_none_while_nothing_sensible_comes(
 def test_a_position_with_an_old_stamp_is_not_used_unless_the_board_has_started_again(tmp_path: Path) -> None:
     with ScriptedBoard() as board, servos_at(board, tmp_path) as servos:
         slow = (200, 1.0, True)  # a clock 0.5 % slow
-        for wait_s, late_s, known in ((1, 0.0, True), (1, 0.3, True), (1, 0.9, False), slow, (1, 900.0, True)):
+        for wait_s, late_s, known in (
+            (1, 0.0, True),
+            (1, 0.3, True),
+            (1, 0.9, False),
+            slow,
+            (1, 900.0, True),
+        ):
             board.port.time.sleep(wait_s)
             for _ in range(3):
                 board.say(position(1, 2, 3, round(1000 * (board.port.time.now_s - late_s))))
