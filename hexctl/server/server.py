@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from hexctl.backends.base import LegServos, failures_in_force
 from hexctl.backends.clock import SPARE_S, STANDSTILL_S, Standstill
-from hexctl.control.guard import EXPIRY_S, POSE_EXPIRY_S, Guard
+from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, MessageError, RobotFaultError
 from hexctl.robot.rotations import xyzw
 from hexctl.server.event_log import EventLog
@@ -29,7 +29,7 @@ from hexctl.wire.pose import decode_estimate, encode_pose
 from hexctl.wire.ros import telemetry
 from hexctl.wire.ros_cdr import stamp_s
 from hexctl.wire.stop import ESTOP
-from hexctl.wire.transit_delay import StampCheck
+from hexctl.wire.transit_delay import RENEWED_S, StampCheck
 from hexctl.wire.zenoh_messages import SERVER_ENDED, encode_battery, encode_positions, tag_of
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ class RobotServer:
         self._standstill: Standstill | None = None
         self._ticked_s = math.inf
         self._malformed_poses = 0
-        self._pose_stamps = StampCheck(renewed_s=POSE_EXPIRY_S)
+        self._pose_stamps = StampCheck(RENEWED_S, RENEWED_S)
         self._ros = None if ros is None else ros(self._inbox, self._requests.stop_over_ros)
         self._driver: RosDriver | None = None
         if self._ros is not None and self._ros.drive:

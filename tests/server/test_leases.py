@@ -116,7 +116,7 @@ def test_a_sender_that_was_started_again_has_another_clock() -> None:
 
 
 def test_a_late_stamp_is_late_by_the_clock_of_its_sender_until_that_is_renewed() -> None:
-    check = StampCheck(renewed_s=5.0)
+    check = StampCheck(5.0)
     assert all(check.admits(1000.0 + at_s, at_s) for at_s in np.arange(0.0, 3.0, 0.1).tolist())
     assert check.admits(None, 3.0)
     assert check.admits(1002.6, 3.0)
@@ -125,7 +125,26 @@ def test_a_late_stamp_is_late_by_the_clock_of_its_sender_until_that_is_renewed()
         assert check.admits(1003.0 - late_s, 3.0, sender=str(late_s).encode())
     assert check.late == 3
     assert not check.admits(7.5, 7.9)
-    assert check.admits(13.0, 13.0), "nothing came for five seconds"
+    held_back = [
+        check.admits(stamp_s, 13.0 + 0.01 * stamp_s) for stamp_s in np.arange(8.0, 13.0, 0.1).tolist()
+    ]
+    assert not any(held_back), "nothing came for five seconds"
+    assert check.admits(13.6, 13.6)
+    assert not check.admits(13.0, 13.7)
+
+
+@pytest.mark.parametrize("ahead_s", [1.0, 3600.0])
+def test_a_stamp_from_the_future_or_a_clock_set_back_makes_late_for_some_time_only(ahead_s: float) -> None:
+    check, steady = StampCheck(), StampCheck(renewed_s=10.0)
+    for one in (check, steady):
+        one.admits(ahead_s, 0.0)
+    admitted = [steady.admits(at_s, at_s) for at_s in np.arange(0.1, 12.0, 0.1).tolist()]
+    assert admitted.index(True) == pytest.approx(100, abs=2)
+    assert all(admitted[102:])
+    assert not any(check.admits(at_s, at_s) for at_s in np.arange(0.1, 12.0, 0.1).tolist())
+    admitted = [check.admits(at_s, at_s) for at_s in np.arange(15.0, 17.0, 0.1).tolist()]
+    assert not any(admitted[:5])
+    assert all(admitted[6:])
 
 
 def test_stamps_are_read_in_either_byte_order_and_zero_is_none() -> None:

@@ -19,7 +19,7 @@ from hexctl.wire.description import decode_answer
 from hexctl.wire.links import KeyMap
 from hexctl.wire.pose import decode_pose
 from hexctl.wire.ros_cdr import stamp_s
-from hexctl.wire.transit_delay import MOST_LATE_S, TransitDelay
+from hexctl.wire.transit_delay import MOST_LATE_S, RENEWED_S, TransitDelay
 from hexctl.wire.zenoh_messages import StateTag, decode_battery, decode_joints
 
 #: Subscribed kinds of messages.
@@ -80,7 +80,7 @@ class StateSubscriber:
         self._after = 0
 
     def _forget_clocks(self) -> None:
-        self._transits = {kind: TransitDelay() for kind in ("joint_states", "odom")}
+        self._transits = {kind: TransitDelay(renewed_s=RENEWED_S) for kind in ("joint_states", "odom")}
 
     def _forget_status(self) -> None:
         self._failures: tuple[Failure, ...] | None = None
