@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hexctl.control.pose_watch import differ, joined
 from hexctl.control.trace import Trace
 from hexctl.control.trial import LOOK_TICKS, EndCheck, ShouldStop
 from hexctl.control.trial_plan import TrialPlan
@@ -141,7 +142,7 @@ class Geofence(EndCheck):
     def __call__(self, trace: Trace) -> bool | str:
         """Reason to end the walk, or the answer of `also`."""
         rows, arena = trace.positions_world, self._placed(trace)
-        measured = _new_positions(rows)
+        measured = _new_positions(trace)
         if arena is None or not len(measured) or len(rows) - 1 - measured[-1] > LOST_TICKS:
             return NO_POSITION
         last = measured[-1]
@@ -154,7 +155,7 @@ class Geofence(EndCheck):
 
     def at_end(self, trace: Trace) -> str | None:
         """Why a walk that has come to its end was not within the fence for certain, or None."""
-        measured = _new_positions(trace.positions_world)
+        measured = _new_positions(trace)
         lost = not len(measured) or len(trace) - 1 - measured[-1] > LOST_TICKS
         return NO_POSITION if lost or self._placed(trace) is None else None
 
@@ -167,11 +168,10 @@ class Geofence(EndCheck):
         return self._arena
 
 
-def _new_positions(positions_world: FloatArray) -> IntArray:
-    """Ticks in which a position (T, 3) is known and differs from the one before."""
-    known = np.flatnonzero(np.isfinite(positions_world).all(axis=-1))
-    if not len(known):
-        return known
-    shown = positions_world[known]
-    changed = np.concatenate([[True], (shown[1:] != shown[:-1]).any(axis=-1)])
+def _new_positions(trace: Trace) -> IntArray:
+    """Ticks in which a position is known, and it or the orientation differs from the one before."""
+    shown = joined(trace.positions_world, trace.quaternions_world)
+    known = np.flatnonzero(np.isfinite(shown[:, :3]).all(axis=-1))
+    shown = shown[known]
+    changed = np.concatenate([[True], differ(shown[1:], shown[:-1])])[: len(known)]
     return np.asarray(known[changed])

@@ -32,6 +32,7 @@ from hexctl.control.guard import (
     StepLimits,
     leaning,
 )
+from hexctl.control.pose_watch import differ, joined
 from hexctl.control.preparation import WalkStart, prepare, ticks_of
 from hexctl.control.trace import TrialFrame
 from hexctl.control.trial import planned_walk, run_trial
@@ -297,7 +298,7 @@ class _Walks:
         self._unseen_s = np.repeat([one.guard.poses.oldest_s(one.guard.clock.now_s) for one in ready], counts)
         self._moving = np.repeat([one.guard.in_motion for one in ready], counts)
         shown = [one.guard.poses.shown("position") for one in ready]
-        self._shown = np.repeat([np.full(3, np.nan) if one is None else one for one in shown], counts, axis=0)
+        self._shown = np.repeat([np.full(7, np.nan) if one is None else one for one in shown], counts, axis=0)
         self._status = np.full(n, "ok", dtype=object)
         self._stopped: list[str | None] = [None] * n
         self._noticed: list[tuple[NoticedFailure, ...]] = [()] * n
@@ -379,19 +380,19 @@ class _Walks:
         ]
 
     def _watch(self, state: RobotState) -> None:
-        self._watch_position(state.base_position_world)
         quaternion = state.base_quaternion_world
+        self._watch_position(state.base_position_world, quaternion)
         if quaternion is None:
             return
         counted = np.where(leaning(quaternion), self._leaning_ticks + 1, 0)
         self._leaning_ticks = np.where(np.isnan(quaternion[:, 0]), self._leaning_ticks, counted)
         self._end(self._batch.running & (self._leaning_ticks >= FALL_TICKS), "fell")
 
-    def _watch_position(self, position: FloatArray | None) -> None:
+    def _watch_position(self, position: FloatArray | None, quaternion: FloatArray | None) -> None:
         """Stop robots whose position, (n, 3), is missing, or repeats itself while they move, for too long."""
-        shown = np.full_like(self._shown, np.nan) if position is None else position
+        shown = np.full_like(self._shown, np.nan) if position is None else joined(position, quaternion)
         missing, known = np.isnan(shown[:, 0]), np.isfinite(self._shown[:, 0])
-        new = ~missing & (shown != self._shown).any(axis=-1)
+        new = ~missing & differ(shown, self._shown)
         self._unseen_s = np.where(new, 0.0, self._unseen_s + PERIOD_S * (known & (missing | self._moving)))
         self._shown = np.where(new[:, np.newaxis], shown, self._shown)
         lost = self._batch.running & (self._unseen_s > LONGEST_UNSEEN_S)

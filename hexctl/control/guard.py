@@ -15,7 +15,7 @@ import numpy as np
 
 from hexctl.backends.base import LegServos, ServosWrapper, check_targets
 from hexctl.backends.clock import Standstill
-from hexctl.control.pose_watch import PoseAges, RepeatedAngles, WalkedPosition
+from hexctl.control.pose_watch import PoseAges, RepeatedAngles, WalkedPosition, joined
 from hexctl.control.stop_reason import reason_in_words
 from hexctl.control.telemetry_watch import HOT, BatteryWatch, PositionCheck, Temperatures
 from hexctl.errors import (
@@ -410,16 +410,14 @@ class Guard(ServosWrapper):
 
     def _watch_pose(self, state: RobotState, now_s: float) -> None:
         orientation, tilt = state.base_quaternion_world, self._tilt_of(state)
-        for part, value in (
-            ("position", state.base_position_world),
-            ("orientation", orientation),
-            ("tilt", tilt),
-        ):
+        position = state.base_position_world
+        place = None if position is None else joined(position, orientation)
+        for part, value in (("position", place), ("orientation", orientation), ("tilt", tilt)):
             if value is None:
                 continue
             self.poses.look(part, value, now_s, moving=self.in_motion)
             checked_already = part == "tilt" and value is orientation
-            if not checked_already and not all_finite(value):
+            if not checked_already and not all_finite(value[:3] if part == "position" else value):
                 self.stop("state")
         if self.poses.oldest_s(now_s) > LONGEST_UNSEEN_S:
             self.stop(POSE_LOST)

@@ -14,7 +14,7 @@ from hexctl.control.trial_plan import SelfRotation
 from hexctl.control.walks.turning import body_heading_rad, turn_needed_rad
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.failure import Failure
-from hexctl.robot.rotations import wrapped_rad
+from hexctl.robot.rotations import about_z, wrapped_rad
 from hexctl.types import FloatArray, RobotState
 from tests.adapt.priors import plan_of
 from tests.robots import shipped
@@ -167,16 +167,21 @@ def test_a_fence_around_the_start_says_why_a_walk_ends(start_m: float, to_m: flo
     assert Geofence(1.0)(walked(start_m, to_m)) == why
 
 
-@pytest.mark.parametrize("known", [True, False])
-@pytest.mark.parametrize(("missing", "why"), [(40, False), (60, "no position")])
+@pytest.mark.parametrize(
+    ("known", "turns", "missing", "why"),
+    [(True, True, 60, False)]
+    + [(known, False, *end) for known in (True, False) for end in ((40, False), (60, "no position"))],
+)
 def test_a_walk_without_a_new_position_for_a_second_ends_and_is_not_complete(
-    known: bool, missing: int, why: bool | str
+    known: bool, turns: bool, missing: int, why: bool | str
 ) -> None:
-    """A position that repeats itself is as good as none."""
+    """A position that repeats itself is as good as none, unless the body turns."""
     trace = walked(0.0, 0.1)
-    for _ in range(missing):
+    for tick in range(missing):
         here = np.array([0.1, 0.0, 0.1]) if known else None
-        trace.add(0.0, RobotState(ROBOT.stance_angles_rad, 0.0, True, base_position_world=here))
+        faces = about_z(0.01 * tick * turns)
+        state = RobotState(ROBOT.stance_angles_rad, 0.0, True, None if here is None else here, faces)
+        trace.add(0.0, state)
     assert Geofence(1.0)(trace) == why
     assert Geofence(1.0).at_end(trace) == (why or None)
 

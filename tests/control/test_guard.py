@@ -335,6 +335,16 @@ def test_a_pose_that_repeats_itself_is_lost_while_the_legs_move(part: str) -> No
     assert guard.stopped == "pose lost"
 
 
+def test_a_position_may_repeat_itself_while_the_body_turns_in_place() -> None:
+    guard, servos = connected()
+    servos.frozen = True
+    for tick in range(round(2 * POSE_EXPIRY_S / 0.02)):
+        servos.quaternion_world = quaternion_about((0, 0, 1), 0.001 * tick)
+        guard.clock.tick()
+        guard.read()
+        send(guard, STANCE + 0.2 * math.sin(0.2 * tick))
+
+
 @pytest.mark.parametrize(("legs", "stopped"), [(2, None), (3, "state"), (6, "state")])
 def test_angles_that_repeat_while_three_legs_move_are_no_state(legs: int, stopped: str | None) -> None:
     guard, servos = connected()
