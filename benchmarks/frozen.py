@@ -48,7 +48,8 @@ FENCE_M = 0.5
 
 #: Sensing that freezes: what a camera shows, a tracker sends, and a robot measures itself.
 PICTURES = ("picture", "noisy picture")
-POSES = ("tracker", "noisy tracker", "late tracker")
+NOISY = ("noisy tracker", "interrupted tracker")
+POSES = ("tracker", *NOISY, "late tracker")
 OWN = {
     "pose": ("base_position_world", "base_quaternion_world"),
     "imu": ("base_quaternion_world",),
@@ -67,6 +68,9 @@ FREEZES_S, WALK_S = (1.0, 6.0), 30.0
 
 #: Ticks between two pictures, and voltages at first, and at last, when the battery is low.
 PICTURE_TICKS, VOLTAGES_V, LOW_V = 4, (12.0, 9.0), 10.0
+
+#: An interrupted tracker sends for so long of each period.
+SHOWN_S, INTERRUPTED_S = 0.2, 0.8
 
 TRACKER_NOISE_M, TRACKER_NOISE_RAD = 0.001, 0.002
 
@@ -135,11 +139,12 @@ class FrozenServos(ServedServos):
             until_s = now_s - freeze.late_s if freeze.kind == "late tracker" else freeze.at_s
         sent = [one for one in self._sent if one[0] <= until_s] or self._sent[:1]
         stamp_s, position, quaternion = sent[-1]
-        if frozen and freeze.kind == "noisy tracker":
+        if frozen and freeze.kind in NOISY:
             position = position + TRACKER_NOISE_M * self._noise.standard_normal(3)
             turn_rad = TRACKER_NOISE_RAD * float(self._noise.standard_normal())
             quaternion = product(about_z(turn_rad), quaternion)
-        if self._stamps.admits(stamp_s if freeze.kind == "late tracker" else None, now_s):
+        comes = not frozen or freeze.kind != "interrupted tracker" or now_s % INTERRUPTED_S < SHOWN_S
+        if comes and self._stamps.admits(stamp_s if freeze.kind == "late tracker" else None, now_s):
             self.set_pose(position, quaternion, NO_COVARIANCE, self.clock.time.now())
             self._came_s = now_s
         elif now_s - self._came_s > EXPIRY_S:

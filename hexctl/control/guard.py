@@ -362,13 +362,12 @@ class Guard(ServosWrapper):
     def _read(self) -> RobotState:
         with _LINK_FAILED:
             state = self.wrapped.read()
-        position = state.base_position_world
+        position, now_s, trusted = state.base_position_world, self.clock.now_s, self._trusts_position()
+        if not trusted and self.in_motion:  # it takes time, and legs at rest walk nowhere
+            self._walked.walk(state, now_s)
         if position is None or not all_finite(position):
             return state
-        now_s = self.clock.now_s
-        believed = self.positions.believes(position, now_s)
-        if believed and not self._trusts_position():
-            believed = self._walked.follows(state, position, now_s)
+        believed = self.positions.believes(position, now_s) and (trusted or self._walked.follows(position))
         return state if believed else replace(state, base_position_world=None)
 
     def _check(self, targets: JointTargets, now_s: float) -> None:

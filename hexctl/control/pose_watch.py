@@ -102,15 +102,19 @@ class WalkedPosition:
 
     def forget(self) -> None:
         """Begin with the next position."""
-        self._legs, self._standing = LegsPath(), StandingPosition()
+        self._legs, self._standing, self._begun = LegsPath(), StandingPosition(), False
         self._followed_s = -np.inf
 
-    def follows(self, state: RobotState, position_world: FloatArray, now_s: float) -> bool:
-        """Take a state and its position (3,): False for one that stands while the legs walk."""
-        if now_s - self._followed_s >= FOLLOWED_S:
+    def walk(self, state: RobotState, now_s: float) -> None:
+        """Follow the legs of a state, also of one without a position: positions may come and go."""
+        if self._begun and now_s - self._followed_s >= FOLLOWED_S:
             self._followed_s = now_s
             step = self._odometer.update(now_s, state.joint_positions_rad, state.foot_contacts)
             if step is not None and step.motion is not None:
                 self._legs.move(step.motion)
+
+    def follows(self, position_world: FloatArray) -> bool:
+        """Take a position (3,): False for one that stands while the legs walk."""
+        self._begun = True
         x_m, y_m, _ = position_world.tolist()
         return not self._standing.stands(x_m, y_m, self._legs)

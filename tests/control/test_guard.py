@@ -358,14 +358,16 @@ def test_angles_that_repeat_while_three_legs_move_are_no_state(legs: int, stoppe
     assert guard.stopped == stopped
 
 
+@pytest.mark.parametrize("period", [1, 40], ids=["steady", "interrupted"])
 @pytest.mark.parametrize(("share", "known"), [(0.0, False), (0.2, True), (1.0, True)])
-def test_a_position_that_stands_while_the_legs_walk_is_none(share: float, known: bool) -> None:
+def test_a_position_that_stands_while_the_legs_walk_is_none(share: float, known: bool, period: int) -> None:
     guard, servos = connected()
     walk = Walk(ANT, make_gait(ANT, "tripod"), Motion(), period_s=0.02)
     for step in range(400):  # 8 s, about 1 m
         guard.clock.tick()
         noise_m = 0.002 * math.sin(1.7 * step)
-        servos.position_world = np.array([share * 0.13 * 0.02 * step + noise_m, 0.0, 0.1])
+        shown = np.array([share * 0.13 * 0.02 * step + noise_m, 0.0, 0.1])
+        servos.position_world = shown if (step + 1) % period < 10 else None
         state = guard.read()
         send(guard, walk.targets_rad(step, state))
     assert (state.base_position_world is not None) is known
