@@ -254,7 +254,8 @@ class _Commands:
             self._counters.malformed += 1
             return
         stamp_s = ros_cdr.stamp_s(payload) if kind in STAMPED else None
-        if not self._bridge.is_in_time(stamp_s, sender):
+        stops = isinstance(command, WantedVelocity) and not command.velocity.any()
+        if not self._bridge.is_in_time(stamp_s, sender) and not stops:
             return
         self._counters.commands += 1
         self._bridge.put(command)

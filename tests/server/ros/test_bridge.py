@@ -306,10 +306,11 @@ def test_a_velocity_moves_the_robot_and_silence_stops_it(network: tuple[Served, 
     assert robot.status()["stopped"] is None
 
 
-def test_a_velocity_with_an_old_stamp_moves_nothing_and_is_counted(network: tuple[Served, Peer]) -> None:
+def test_a_velocity_with_an_old_stamp_is_counted_and_only_stops(network: tuple[Served, Peer]) -> None:
     robot, node = network
     publisher = node.publisher("/cmd_vel", TWIST_STAMPED)
-    for age_s, forward, count in ((0, 0.0, "commands"), (10, 0.08, "late"), (3600, 0.08, "late")):
+    ages = ((0, 0.0, "commands"), (10, 0.08, "late"), (3600, 0.08, "late"), (3600, 0.0, "commands"))
+    for age_s, forward, count in ages:
         before = robot.status()["ros"][count]
 
         def counted() -> bool:
