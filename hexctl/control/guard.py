@@ -409,12 +409,12 @@ class Guard(ServosWrapper):
 
     def _watch_pose(self, state: RobotState, now_s: float) -> None:
         orientation, tilt = state.base_quaternion_world, self._tilt_of(state)
-        position = state.base_position_world
+        position, moving = state.base_position_world, self.in_motion
         place = None if position is None else joined(position, orientation)
         for part, value in (("position", place), ("orientation", orientation), ("tilt", tilt)):
+            self.poses.look(part, value, now_s, moving=moving)
             if value is None:
                 continue
-            self.poses.look(part, value, now_s, moving=self.in_motion)
             checked_already = part == "tilt" and value is orientation
             if not checked_already and not all_finite(value[:3] if part == "position" else value):
                 self.stop("state")

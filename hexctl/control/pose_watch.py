@@ -39,13 +39,14 @@ class PoseAges:
         self._looked_at_s: dict[str, float] = {}
         self._shown: dict[str, bytes] = {}
 
-    def look(self, part: str, value: FloatArray, now_s: float, *, moving: bool) -> None:
-        """Take the value of a part that is not missing; `moving` is whether the legs were told to move."""
-        shown = value.tobytes()
-        if self._shown.get(part) != shown or part not in self._seen_at_s:
-            self._shown[part], self._seen_at_s[part] = shown, now_s
-        elif not moving:
-            self._seen_at_s[part] += now_s - self._looked_at_s[part]
+    def look(self, part: str, value: FloatArray | None, now_s: float, *, moving: bool) -> None:
+        """Take the value of a part, or None if it is missing; `moving` is whether the legs are in motion."""
+        if value is not None:
+            shown = value.tobytes()
+            if self._shown.get(part) != shown or part not in self._seen_at_s:
+                self._shown[part], self._seen_at_s[part] = shown, now_s
+            elif not moving:
+                self._seen_at_s[part] += now_s - self._looked_at_s[part]
         self._looked_at_s[part] = now_s
 
     def oldest_s(self, now_s: float) -> float:

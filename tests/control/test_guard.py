@@ -328,8 +328,13 @@ def test_a_pose_that_repeats_itself_is_lost_while_the_legs_move(part: str) -> No
     swing(guard, 2 * POSE_EXPIRY_S)
     assert guard.stopped is None
     servos.frozen = True
-    swing(guard, POSE_EXPIRY_S - 0.1)
+    swing(guard, POSE_EXPIRY_S - 2.1)
     stand(guard, 20.0)  # its pose repeats
+    pose = servos.position_world, servos.quaternion_world
+    servos.position_world = servos.quaternion_world = None
+    stand(guard, 2.0)  # a gap counts at rest too
+    servos.position_world, servos.quaternion_world = pose
+    stand(guard, 20.0)
     assert guard.stopped is None
     swing(guard, 0.3)
     assert guard.stopped == "pose lost"
