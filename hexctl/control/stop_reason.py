@@ -2,7 +2,7 @@
 
 #: By the reason, or by the text before its colon.
 MEANINGS = {
-    "state": "what the robot measures came too late or was not a number",
+    "state": "what the robot measures came too late, was not a number, or repeated itself",
     "expired": "no command came in time",
     "pose lost": "its position or orientation, known before, stayed away or repeated itself",
     "fell": "its body leant too far",

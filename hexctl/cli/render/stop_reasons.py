@@ -8,7 +8,7 @@ from hexctl.wire.zenoh_messages import SERVER_ENDED
 
 #: Where to look after a stop that the user did not request, by the reason up to a colon; {} clears it.
 HINTS = {
-    "state": "the robot's state did not come in time: the link, or the program that serves it, was silent",
+    "state": "its state came late or repeated itself as the legs moved: check link, server and servo bus",
     "expired": "commands did not reach the robot in time; a busy computer, or a bad link",
     "pose lost": "the robot no longer reports its position, or repeats it",
     "arena": "the walk was ended before it left the circle of --arena",
