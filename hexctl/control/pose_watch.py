@@ -7,7 +7,7 @@ from hexctl.ik.standing_position import LegsPath, StandingPosition
 from hexctl.robot.model import Robot
 from hexctl.types import BoolArray, FloatArray, RobotState, by_leg
 
-#: Period in which the way of the legs is followed: less often a step would be missed.
+#: Period in which the legs are followed: less often a step would be missed.
 FOLLOWED_S = 0.1
 
 #: Joint angles that keep every bit for this long after the targets of so many legs moved by this are frozen.
@@ -95,7 +95,7 @@ class RepeatedAngles:
 
 
 class WalkedPosition:
-    """Whether the position of one robot follows the way of its legs."""
+    """Whether the position of one robot follows its legs."""
 
     def __init__(self, robot: Robot) -> None:
         self._odometer = LegOdometer(robot)

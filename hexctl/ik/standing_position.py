@@ -4,8 +4,8 @@ import cmath
 
 from hexctl.types import FloatArray
 
-#: A position that stays within `STANDS_M` while the legs walk `WAY_M` away stands.
-WAY_M, STANDS_M = 0.5, 0.03
+#: A position that stays within `STANDS_M` while the legs walk `WALKED_M` away stands.
+WALKED_M, STANDS_M = 0.5, 0.03
 
 
 class LegsPath:
@@ -37,4 +37,4 @@ class StandingPosition:
         position_m = complex(x_m, y_m)
         if self._since is None or abs(position_m - self._since[0]) > STANDS_M:
             self._since = position_m, legs.position_m
-        return abs(legs.position_m - self._since[1]) > WAY_M
+        return abs(legs.position_m - self._since[1]) > WALKED_M

@@ -39,14 +39,14 @@ class Observation(ArrayFields):
     Attributes:
         robot: sighting of the robot, or None.
         believed: whether the filter accepted the sighting.
-        stands: whether the picture has come before, or shows a robot that stands, although its legs walked.
+        frozen: whether the picture has come before, or shows a robot at one place although its legs walked.
         change: detected change of camera or tags, or None.
     """
 
     robot: SeenRobot | None
     believed: bool
     change: CameraChange | None
-    stands: bool = False
+    frozen: bool = False
 
 
 class RepeatedPictures:
@@ -108,7 +108,7 @@ class Observer:
     def look(self, gray: Picture, came_s: float) -> Observation:
         """Look at a picture that came at a time."""
         if self._pictures.repeats(gray, self._legs):
-            return Observation(None, False, None, stands=True)
+            return Observation(None, False, None, frozen=True)
         change = self.watch.look(gray)
         expected = None if self._newest is None else self._newest.pose
         robot = self._tracker.find(gray, self.watch.camera, self.height_m, expected, self._up_body)
@@ -116,7 +116,7 @@ class Observer:
             robot.pose_floor.x_m, robot.pose_floor.y_m, self._legs
         ):
             self._filter.forget()
-            return Observation(robot, False, change, stands=True)
+            return Observation(robot, False, change, frozen=True)
         believed = robot is not None and self._may_be_believed(robot)
         if robot is not None and believed:
             taken_s, pose = came_s - self.latency_s, robot.pose_floor

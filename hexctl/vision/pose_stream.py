@@ -256,7 +256,7 @@ class PoseStream:
     def _why_lost(self) -> str:
         if not self._since_believed:
             return "no pictures come"
-        if self._last.stands:
+        if self._last.frozen:
             return "the pictures stand still while its legs walk: does the camera hang?"
         if self._last.robot is not None:
             return "its tag is seen, but not believed: was the camera moved?"

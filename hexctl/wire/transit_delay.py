@@ -1,4 +1,4 @@
-"""Delay of messages on their way, by two clocks that need not agree."""
+"""Delay of messages by two clocks that need not agree."""
 
 import math
 from collections import OrderedDict

@@ -155,7 +155,7 @@ class RosBridge:
                 with open_ros_session(self._router) as session:
                     self.counters.sessions += 1
                     self._serve(session)
-            except Exception as error:  # noqa: BLE001  whatever it is, the robot works on, and ROS is tried again
+            except Exception as error:  # noqa: BLE001  the robot works on, and ROS is tried again
                 self._connected, self._trouble = False, f"{type(error).__name__}: {error}"
                 self._time.wait(self._closing, REOPEN_S)
 
