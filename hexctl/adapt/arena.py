@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hexctl.control.pose_watch import differ, joined
+from hexctl.control.pose_watch import joined
 from hexctl.control.trace import Trace
 from hexctl.control.trial import LOOK_TICKS, EndCheck, ShouldStop
 from hexctl.control.trial_plan import TrialPlan
@@ -173,5 +173,5 @@ def _new_positions(trace: Trace) -> IntArray:
     shown = joined(trace.positions_world, trace.quaternions_world)
     known = np.flatnonzero(np.isfinite(shown[:, :3]).all(axis=-1))
     shown = shown[known]
-    changed = np.concatenate([[True], differ(shown[1:], shown[:-1])])[: len(known)]
+    changed = np.concatenate([[True], (shown[1:] != shown[:-1]).any(axis=-1)])[: len(known)]
     return np.asarray(known[changed])

@@ -32,7 +32,7 @@ from hexctl.control.guard import (
     StepLimits,
     leaning,
 )
-from hexctl.control.pose_watch import differ, joined
+from hexctl.control.pose_watch import joined
 from hexctl.control.preparation import WalkStart, prepare, ticks_of
 from hexctl.control.trace import TrialFrame
 from hexctl.control.trial import planned_walk, run_trial
@@ -392,7 +392,7 @@ class _Walks:
         """Stop robots whose position, (n, 3), is missing, or repeats itself while they move, for too long."""
         shown = np.full_like(self._shown, np.nan) if position is None else joined(position, quaternion)
         missing, known = np.isnan(shown[:, 0]), np.isfinite(self._shown[:, 0])
-        new = ~missing & differ(shown, self._shown)
+        new = ~missing & (shown != self._shown).any(axis=-1)
         self._unseen_s = np.where(new, 0.0, self._unseen_s + PERIOD_S * (known & (missing | self._moving)))
         self._shown = np.where(new[:, np.newaxis], shown, self._shown)
         lost = self._batch.running & (self._unseen_s > LONGEST_UNSEEN_S)

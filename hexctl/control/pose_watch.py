@@ -5,7 +5,7 @@ import numpy as np
 from hexctl.ik.leg_odometer import LegOdometer
 from hexctl.ik.standing_position import LegsPath, StandingPosition
 from hexctl.robot.model import Robot
-from hexctl.types import BoolArray, FloatArray, RobotState, by_leg
+from hexctl.types import FloatArray, RobotState, by_leg
 
 #: Period in which the legs are followed: less often a step would be missed.
 FOLLOWED_S = 0.1
@@ -15,16 +15,10 @@ REPEATED_S, MOVED_RAD, LEAST_LEGS = 0.5, 0.05, 3
 
 
 def joined(position_world: FloatArray, quaternion_world: FloatArray | None) -> FloatArray:
-    """Position (..., 3) and orientation (..., 4), NaN if unknown: rounded, one may repeat while one turns."""
-    unknown = np.full((*position_world.shape[:-1], 4), np.nan)
-    return np.concatenate(
-        [position_world, unknown if quaternion_world is None else quaternion_world], axis=-1
-    )
-
-
-def differ(shown: FloatArray, before: FloatArray) -> BoolArray:
-    """Whether any of the last axis differs; NaN equals itself."""
-    return np.asarray(((shown != before) & ~(np.isnan(shown) & np.isnan(before))).any(axis=-1))
+    """Position (..., 3) and orientation (..., 4), 0 if unknown: rounded, one may repeat while one turns."""
+    unknown = np.zeros((*position_world.shape[:-1], 4))
+    quaternion = unknown if quaternion_world is None else np.nan_to_num(quaternion_world)
+    return np.concatenate([position_world, quaternion], axis=-1)
 
 
 class PoseAges:
