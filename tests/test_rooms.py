@@ -7,11 +7,11 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
     "": 2_260,
-    "adapt": 7_850,
-    "backends": 10_280,
+    "adapt": 7_870,
+    "backends": 10_290,
     "cli": 6_960,
     "client": 1_020,
-    "control": 13_580,
+    "control": 13_590,
     "demo": 220,
     "doctor": 550,
     "export": 1_860,
@@ -28,7 +28,7 @@ CEILINGS = {
     "teleop": 1_960,
     "testing": 570,
     "vision": 6_010,
-    "wire": 3_240,
+    "wire": 3_250,
 }
 
 
