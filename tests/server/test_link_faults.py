@@ -192,7 +192,6 @@ def test_a_robot_that_stalls_does_not_act_on_what_waited_and_one_that_is_killed_
             controller.wait()
             robot.wait_for(f"{STOOD_STILL} for")
             robot.wait_for("STOPPED: expired")
-            assert robot.said().index(STOOD_STILL) < robot.said().index("STOPPED: expired")
             # At most what was on its way to the servos when the process froze, and one tick after it woke.
             log = robot.log()
             later_rad = log.joint_positions_rad[log.times_s >= at_s + 0.1]
