@@ -20,6 +20,8 @@ from typing import Any
 
 #: The next step if a folder is of no use.
 NAME_VENV = "name another folder by VENV=/path/to/venv"
+#: Extras that make asks for and that `all` contains.
+IN_ALL = {"demo"}
 #: Words in pip's errors if it reaches no package index.
 UNREACHABLE = re.compile(r"NewConnectionError|NameResolutionError|ConnectTimeoutError|ProxyError")
 
@@ -60,7 +62,8 @@ class Environment:
             fcntl.flock(descriptor, fcntl.LOCK_EX)
         try:
             stamp = self._read_stamp()
-            wanted = sorted({*extras, *stamp.get("extras", ())})
+            present = {*stamp.get("extras", ())}
+            wanted = sorted(present | {*extras} - (IN_ALL if "all" in present else set()))
             if stamp != self._described(wanted) or not self.python.exists() or not self._runs_checkout():
                 self._begin(moved=stamp.get("checkout", str(self.checkout)) != str(self.checkout))
                 self._install(wanted)

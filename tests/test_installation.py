@@ -153,6 +153,7 @@ class TestEnvironment:
         made = finished(checkout)
         made.set_up("all", "dev")
         made.set_up("dev")
+        made.set_up("demo")  # `all` has it
         assert not pip_calls
 
     def test_a_copy_of_the_code_is_replaced(self, checkout: Path, pip_calls: list[tuple[str, ...]]) -> None:
