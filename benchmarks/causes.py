@@ -1,4 +1,4 @@
-"""Causes that `hexctl.control.assessment.cause` names: random robots, one defect each, that make no progress.
+"""Causes that `hexctl.control.scoring.cause` names: random robots, one defect each, that make no progress.
 
 A defect is too little torque, soft servos or a slippery slope, each drawn from hardly noticed to hopeless.
 Robots are drawn until enough of each defect make no progress. The cause that is named is counted, and the
@@ -16,9 +16,9 @@ from benchmarks.rows import Count, Row
 from benchmarks.scale import Scale
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
-from hexctl.control.assessment.cause import SAMPLE_TICKS, Samples, Symptoms, symptoms
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
+from hexctl.control.scoring.cause import SAMPLE_TICKS, Samples, Symptoms, symptoms
 from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import NAMED_SLOTS, make_gait

@@ -17,8 +17,8 @@ from benchmarks.robots import ROBOTS, log_uniform, shipped, with_servos
 from benchmarks.rows import Count, Row
 from benchmarks.scale import Scale
 from hexctl.backends.sim.servos import SimServos
-from hexctl.control.assessment.feasibility import gait_demand
-from hexctl.control.assessment.gait_load import (
+from hexctl.control.checks.feasibility import gait_demand
+from hexctl.control.checks.gait_load import (
     GOOD_CAPACITY,
     GOOD_LIFT,
     GaitLoad,

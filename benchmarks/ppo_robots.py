@@ -15,9 +15,9 @@ from hexctl.backends.sim.sensing import LOST_COMMANDS, LOST_POSES, Losses, Noise
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.simulated_batch import SimBatch, batch_layout
 from hexctl.backends.sim.world import World
-from hexctl.control.assessment.walk_quality import WalkEffort
 from hexctl.control.guard import FALL_TICKS, Guard, StepLimits, leaning
 from hexctl.control.preparation import WalkStart, prepare
+from hexctl.control.scoring.walk_quality import WalkEffort
 from hexctl.control.trace import TrialFrame
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import ideal_speed_m_s, make_gait

@@ -27,10 +27,10 @@ from hexctl.adapt.prior.prior_files import shipped_priors
 from hexctl.adapt.prior.samples import DriftSamples, drift_samples_of
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World, load_randomization
-from hexctl.control.assessment.score import progress_floor_m
-from hexctl.control.assessment.static_stability import slots_by_stability
-from hexctl.control.assessment.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.batch import SimTrial, run_sim_trials
+from hexctl.control.planning.static_stability import slots_by_stability
+from hexctl.control.scoring.score import progress_floor_m
+from hexctl.control.scoring.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.control.walks.turning import body_heading_rad

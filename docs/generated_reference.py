@@ -81,7 +81,7 @@ def world_reference() -> str:
 
 def result_reference() -> str:
     """Keys of a result in JSON and their meaning, and the causes of a walk without progress."""
-    from hexctl.control.assessment.cause import CAUSES
+    from hexctl.control.scoring.cause import CAUSES
     from hexctl.control.trial_result import TrialResult
 
     texts = _attributes(TrialResult)

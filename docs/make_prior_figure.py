@@ -19,7 +19,7 @@ from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.prior_files import shipped_priors
 from hexctl.adapt.prior.samples import samples_of
 from hexctl.backends.sim.world import load_world
-from hexctl.control.assessment.score import progress_floor_m
+from hexctl.control.scoring.score import progress_floor_m
 from hexctl.palette import BEST_COLOR, LINE_COLOR, hex_color
 from hexctl.robot.loader import load_robot
 from hexctl.study.landscape import Landscape, LandscapeSpec

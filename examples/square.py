@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from hexctl import Failure, Guard, RobotState, SimServos, TrialPlan, World, load_robot, make_gait, run_trial
-from hexctl.control.assessment.crawl import auto_gait
+from hexctl.control.planning.crawl import auto_gait
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import Course
 from hexctl.control.walks.velocity_walk import FULL_SPEED_S, RESPONSE_S

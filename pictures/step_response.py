@@ -9,9 +9,9 @@ import numpy as np
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.servos import SimServos
-from hexctl.control.assessment.crawl import auto_gait
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
+from hexctl.control.planning.crawl import auto_gait
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import TrialPlan

@@ -41,8 +41,8 @@ from hexctl.adapt.setting import (
 from hexctl.adapt.stance import with_stance
 from hexctl.adapt.trial_loop import AdaptLoop, OnStored
 from hexctl.backends.base import LegServos
-from hexctl.control.assessment.static_stability import margin_m_of, stable_slots_of
 from hexctl.control.guard import Guard
+from hexctl.control.planning.static_stability import margin_m_of, stable_slots_of
 from hexctl.control.telemetry_watch import SeenWarnings
 from hexctl.control.trial import STOP_REQUESTED
 from hexctl.control.trial_result import path_axes

@@ -13,8 +13,8 @@ from hexctl.adapt.sessions.store import RUNS, StoreError, list_sessions, load_se
 from hexctl.adapt.sessions.walk_records import BaselineRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.base import as_robot
-from hexctl.control.assessment.static_stability import in_posture, usual_posture
-from hexctl.control.assessment.top_speed import STRIDE, Stride
+from hexctl.control.planning.static_stability import in_posture, usual_posture
+from hexctl.control.planning.top_speed import STRIDE, Stride
 from hexctl.control.trial_plan import AUTO_ROTATION, GaitChange, TrialPlan, suited_rotation
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, argument

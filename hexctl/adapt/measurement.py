@@ -7,8 +7,8 @@ from typing import Literal, Protocol
 import numpy as np
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.control.assessment.score import progress_floor_m
-from hexctl.control.assessment.walk_quality import cost_of_transport
+from hexctl.control.scoring.score import progress_floor_m
+from hexctl.control.scoring.walk_quality import cost_of_transport
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import Deviation, TrialResult
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hexctl.adapt.space import GaitSpace
-from hexctl.control.assessment.top_speed import Stride
+from hexctl.control.planning.top_speed import Stride
 from hexctl.control.trial import Enough
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import HexctlError, InputError, argument, check_type

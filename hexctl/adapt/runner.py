@@ -14,14 +14,14 @@ from hexctl.adapt.sessions.walk_records import BASELINE_INDEX
 from hexctl.adapt.setting import Setting
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import make_floor
-from hexctl.control.assessment.top_speed import Stride
-from hexctl.control.assessment.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.controllers import Controller
 from hexctl.control.guard import Guard
 from hexctl.control.log import BLOCK_TICKS, PACED_BLOCK_TICKS, Recorders
 from hexctl.control.monitor.monitored_walk import watched_walk
 from hexctl.control.monitor.recovery import make_policy
+from hexctl.control.planning.top_speed import Stride
 from hexctl.control.preparation import WalkStart
+from hexctl.control.scoring.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.stop_reason import reason_in_words
 from hexctl.control.telemetry_watch import with_troubles
 from hexctl.control.trial import Enough, ShouldStop, planned_walk, run_trial, stop_when

@@ -31,9 +31,9 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.base import LegServos
 from hexctl.backends.registry import check_options, option_values
 from hexctl.backends.sim.world import with_step
-from hexctl.control.assessment.static_stability import in_posture, usual_posture
-from hexctl.control.assessment.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.monitor.recovery import make_policy
+from hexctl.control.planning.static_stability import in_posture, usual_posture
+from hexctl.control.scoring.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.trial_plan import AUTO_ROTATION, suited_rotation
 from hexctl.errors import InputError, UnusedError, argument, check_type
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S

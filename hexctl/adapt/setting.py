@@ -14,9 +14,9 @@ from hexctl.adapt.prior.prior_files import check_prior
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World, load_world, without_step
-from hexctl.control.assessment.score import ideal_distance_m, progress_floor_m
-from hexctl.control.assessment.top_speed import Stride
-from hexctl.control.assessment.uncertainty_store import COMPUTATION, CONFIRM_STEP_S, known_uncertainty
+from hexctl.control.planning.top_speed import Stride
+from hexctl.control.scoring.score import ideal_distance_m, progress_floor_m
+from hexctl.control.scoring.uncertainty_store import COMPUTATION, CONFIRM_STEP_S, known_uncertainty
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError

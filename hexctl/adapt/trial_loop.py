@@ -23,7 +23,7 @@ from hexctl.adapt.sessions.session_lines import Walk
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.sessions.walk_records import BASELINE_INDEX, BaselineRecord, ConfirmationRecord, TrialRecord
 from hexctl.adapt.space import GaitSpace
-from hexctl.control.assessment.uncertainty_store import CONFIRM_STEP_S
+from hexctl.control.scoring.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.stop_reason import reason_in_words
 from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError, InputError, RecordingError, argument

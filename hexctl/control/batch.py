@@ -13,9 +13,6 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.simulated_batch import SimBatch, batch_layout
 from hexctl.backends.sim.world import World, as_world
-from hexctl.control.assessment.cause import WalkSamples
-from hexctl.control.assessment.score import score
-from hexctl.control.assessment.walk_quality import WalkEffort
 from hexctl.control.custom_controller import (
     CONTROLLERS,
     BatchController,
@@ -34,6 +31,9 @@ from hexctl.control.guard import (
 )
 from hexctl.control.pose_watch import joined
 from hexctl.control.preparation import WalkStart, prepare, ticks_of
+from hexctl.control.scoring.cause import WalkSamples
+from hexctl.control.scoring.score import score
+from hexctl.control.scoring.walk_quality import WalkEffort
 from hexctl.control.trace import TrialFrame
 from hexctl.control.trial import planned_walk, run_trial
 from hexctl.control.trial_plan import TrialPlan

@@ -7,9 +7,6 @@ from typing import Protocol, runtime_checkable
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import Tick, realtime_priority
-from hexctl.control.assessment.cause import WalkSamples
-from hexctl.control.assessment.score import score
-from hexctl.control.assessment.walk_quality import WalkEffort
 from hexctl.control.controllers import Controller, Stand, Walk, soft_stop_steps
 from hexctl.control.custom_controller import (
     CustomController,
@@ -21,6 +18,9 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import Recorder, Recorders, TickLog
 from hexctl.control.loop import TickObserver, Until
 from hexctl.control.preparation import Phases, Preparation, WalkStart, ticks_of
+from hexctl.control.scoring.cause import WalkSamples
+from hexctl.control.scoring.score import score
+from hexctl.control.scoring.walk_quality import WalkEffort
 from hexctl.control.sit_down import sit_down
 from hexctl.control.telemetry_watch import with_troubles
 from hexctl.control.trace import Trace, TrialFrame

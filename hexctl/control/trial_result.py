@@ -60,7 +60,7 @@ class TrialResult(ArrayFields):
         yaw_change_rad: turn during the walk, counter-clockwise, with full turns.
         clipped_ticks: ticks in which the guard changed the targets.
         path_m: progress and signed deviation at each tick of the walk, (T, 2); NaN if not measured.
-        cause: likely cause of `no_progress`, of `hexctl.control.assessment.cause.CAUSES`, or None.
+        cause: likely cause of `no_progress`, of `hexctl.control.scoring.cause.CAUSES`, or None.
         turn_miss_rad: overshoot of the self-rotation, counter-clockwise; None without one or without a yaw. A
             degree adds 8 to 14 cm after 30 s.
         hold: what the walk held by feedback: `line`, `heading` or `none`.

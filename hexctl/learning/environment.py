@@ -17,9 +17,9 @@ from hexctl.backends.base import as_robot
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.simulation_model import FIRST_JOINT
 from hexctl.backends.sim.world import World, as_world
-from hexctl.control.assessment.walk_quality import WalkEffort
 from hexctl.control.guard import Guard
 from hexctl.control.preparation import prepare, ticks_of
+from hexctl.control.scoring.walk_quality import WalkEffort
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError, MissingExtraError, SimulationDivergedError
 from hexctl.gait.gait import ideal_speed_m_s, make_gait

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.control.assessment.cause import CAUSES
+from hexctl.control.scoring.cause import CAUSES
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.gait.gait import SWING_SHARE, Gait

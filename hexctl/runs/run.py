@@ -16,7 +16,6 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import Floor, make_floor
 from hexctl.backends.sim.world import DEFAULT_WORLD, World, load_world
-from hexctl.control.assessment.leg_sets import doubt, drag, leg_set
 from hexctl.control.custom_controller import check_controller, controller_name
 from hexctl.control.guard import Guard
 from hexctl.control.log import (
@@ -28,6 +27,7 @@ from hexctl.control.log import (
     TickLog,
 )
 from hexctl.control.monitor.monitored_walk import watched_walk
+from hexctl.control.planning.leg_sets import doubt, drag, leg_set
 from hexctl.control.trial import ShouldStop, run_trial
 from hexctl.control.trial_plan import AUTO_ROTATION, PLAIN_TASK, TrialPlan
 from hexctl.control.trial_result import TrialResult

@@ -8,11 +8,11 @@ from typing import Annotated, Any, ClassVar
 
 from hexctl.backends.registry import check_options, option_values
 from hexctl.backends.robot_options import FAILURE, RecordedOptions
-from hexctl.control.assessment.crawl import auto_gait
-from hexctl.control.assessment.leg_sets import doubt, leg_set
-from hexctl.control.assessment.static_stability import check_tucked, stable_slots_of
-from hexctl.control.assessment.top_speed import fast_gaits
 from hexctl.control.monitor.recovery import MOST_RECOVERED, RecoveryPolicy, default_policy, make_policy
+from hexctl.control.planning.crawl import auto_gait
+from hexctl.control.planning.leg_sets import doubt, leg_set
+from hexctl.control.planning.static_stability import check_tucked, stable_slots_of
+from hexctl.control.planning.top_speed import fast_gaits
 from hexctl.control.trial_plan import (
     AUTO_ROTATION,
     DURATION_S,

@@ -6,7 +6,7 @@ from functools import cache
 from typing import Any, ClassVar
 
 from hexctl.backends.sim.world import DomainRandomization, World
-from hexctl.control.assessment.crawl import auto_gait
+from hexctl.control.planning.crawl import auto_gait
 from hexctl.robot.model import Robot
 from hexctl.study.walk_cache import CaseT, Place, WalkT
 from hexctl.types import JOINT_KINDS

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
-from hexctl.control.assessment.static_stability import in_posture, usual_posture
 from hexctl.control.batch import SimTrial
+from hexctl.control.planning.static_stability import in_posture, usual_posture
 from hexctl.control.trial_plan import Hold, SelfRotation, TrialPlan
 from hexctl.control.trial_result import QUALITIES, STATUSES, TrialResult
 from hexctl.gait.gait import Gait

@@ -12,8 +12,6 @@ from zlib import crc32
 import numpy as np
 
 from hexctl.backends.sim.world import DomainRandomization
-from hexctl.control.assessment.crawl import crawl_on, gait_without
-from hexctl.control.assessment.static_stability import STAND_UP, slots_by_stability
 from hexctl.control.body_symmetry import BodySymmetry, body_symmetries
 from hexctl.control.monitor.repertoire import (
     INTACT_GAIT,
@@ -28,6 +26,8 @@ from hexctl.control.monitor.repertoire import (
     parts_of,
     save_repertoire,
 )
+from hexctl.control.planning.crawl import crawl_on, gait_without
+from hexctl.control.planning.static_stability import STAND_UP, slots_by_stability
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import check_plan
 from hexctl.errors import LimitError, ReachError

@@ -21,7 +21,7 @@ from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import FILE_NAME, list_sessions, load_session
 from hexctl.adapt.sessions.walk_records import TrialRecord
 from hexctl.backends.sim.world import World, load_world
-from hexctl.control.assessment.uncertainty_store import SimulationUncertainty, keep_uncertainty
+from hexctl.control.scoring.uncertainty_store import SimulationUncertainty, keep_uncertainty
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, WrongTypeError
 from hexctl.types import RobotState

@@ -16,7 +16,7 @@ from hexctl.adapt.sessions.session_tables import flat_rows
 from hexctl.adapt.setting import load_setting
 from hexctl.adapt.space import GaitSpace
 from hexctl.cli.render.session_tables import header_line, walk_line
-from hexctl.control.assessment.static_stability import STAND_UP
+from hexctl.control.planning.static_stability import STAND_UP
 from hexctl.control.trial_plan import GaitChange
 from hexctl.errors import InputError
 from hexctl.gait.gait import NAMED_SLOTS

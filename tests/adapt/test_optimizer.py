@@ -30,7 +30,7 @@ from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.session_optimizer import make_search
 from hexctl.adapt.setting import load_setting
 from hexctl.adapt.space import GaitSpace
-from hexctl.control.assessment.top_speed import Stride
+from hexctl.control.planning.top_speed import Stride
 from hexctl.errors import InputError
 from hexctl.testing.optimizer_conformance import (
     BATCHES,

@@ -25,7 +25,7 @@ from hexctl.adapt.sessions.store import FILE_NAME, SessionStore, list_sessions, 
 from hexctl.adapt.setting import load_setting
 from hexctl.adapt.trial_loop import AdaptLoop
 from hexctl.cli.main import exit_code
-from hexctl.control.assessment.top_speed import STRIDE
+from hexctl.control.planning.top_speed import STRIDE
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.recording.sessions.session_overview import make_table

@@ -24,8 +24,8 @@ from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.session_tables import flat_rows
 from hexctl.adapt.setting import load_setting
 from hexctl.backends.sim.world import World, load_world
-from hexctl.control.assessment.static_stability import STAND_UP
-from hexctl.control.assessment.uncertainty_store import CONFIRM_STEP_S
+from hexctl.control.planning.static_stability import STAND_UP
+from hexctl.control.scoring.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S

@@ -12,7 +12,7 @@ from hexctl.adapt.prior.prior import load_prior, load_score_prior, save_prior
 from hexctl.adapt.prior.prior_files import shipped_priors
 from hexctl.adapt.runner import TrialRunner
 from hexctl.adapt.sessions.store import SessionStore, load_session
-from hexctl.control.assessment.static_stability import STAND_UP
+from hexctl.control.planning.static_stability import STAND_UP
 from hexctl.study.priors.prior_building import PriorPlan
 from tests.adapt.priors import MadeUpModel, MadeUpWorld, made_up_prior, made_up_score_prior
 from tests.cli.conftest import Call

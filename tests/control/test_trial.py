@@ -34,7 +34,7 @@ from hexctl.control.controllers import check_walk
 from hexctl.control.log import TickLog
 from hexctl.control.trial_result import Deviation
 from hexctl.robot.model import in_stance_of
-from tests.control.assessment.loads import along, scored
+from tests.control.checks.loads import along, scored
 from tests.control.posed import PosedMock
 from tests.robots import edited_file, put, shipped
 from tests.trials import gait_of, sim_trial, walk

@@ -16,7 +16,7 @@ from hexctl.backends.base import LegServos
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
 from hexctl.backends.sim.world import DomainRandomization, World
 from hexctl.cli.main import app, exit_code
-from hexctl.control.assessment.speed_envelope import VelocityLimits
+from hexctl.control.planning.speed_envelope import VelocityLimits
 from hexctl.errors import InputError
 from hexctl.gait.gait import DEFAULT_GAIT, make_gait
 from hexctl.robot.formats.link_frames import BASE_LINK

@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from hexctl.backends.sim.world import load_world
-from hexctl.control.assessment.feasibility import check_robot
+from hexctl.control.checks.feasibility import check_robot
 from hexctl.errors import InputError
 from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.configs import config_names, find_config, read_mapping, shipped_text

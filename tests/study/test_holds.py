@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from hexctl.backends.sim.world import World, load_randomization
-from hexctl.control.assessment.static_stability import STAND_UP, most_stable_slots
 from hexctl.control.batch import run_sim_trial
+from hexctl.control.planning.static_stability import STAND_UP, most_stable_slots
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from hexctl.study.held_out import INTACT, with_sensors

@@ -10,7 +10,7 @@ import pytest
 from hexctl.adapt.prior.prior import CHECKPOINTS, PriorKey, load_score_prior, save_prior
 from hexctl.adapt.prior.samples import features_of
 from hexctl.backends.sim.world import Kind, load_randomization
-from hexctl.control.assessment.static_stability import STAND_UP, in_posture
+from hexctl.control.planning.static_stability import STAND_UP, in_posture
 from hexctl.errors import InputError
 from hexctl.robot.failure import BROKEN_KINDS, Failure, drawn_failure
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec

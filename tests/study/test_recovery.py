@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from hexctl.backends.sim.world import World, load_randomization
-from hexctl.control.assessment.static_stability import most_stable_slots
 from hexctl.control.controllers import Controller
 from hexctl.control.monitor.monitored_walk import recovering_walk
 from hexctl.control.monitor.recovery import StopWalking
+from hexctl.control.planning.static_stability import most_stable_slots
 from hexctl.control.preparation import WalkStart
 from hexctl.errors import InputError
 from hexctl.study.paper.evidence import clustered_error

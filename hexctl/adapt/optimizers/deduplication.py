@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.adapt.optimizer import Observation, Optimizer, Prediction, Trim
-from hexctl.control.assessment.top_speed import Stride
+from hexctl.control.planning.top_speed import Stride
 from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError, InputError
 

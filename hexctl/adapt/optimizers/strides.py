@@ -11,7 +11,7 @@ from typing import Any
 
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.space import GaitSpace
-from hexctl.control.assessment.top_speed import Stride
+from hexctl.control.planning.top_speed import Stride
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import Gait
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hexctl.adapt.space import GaitSpace
 from hexctl.archive import ArchiveKind, content_digest
-from hexctl.control.assessment.static_stability import stood_up
+from hexctl.control.planning.static_stability import stood_up
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.posture import STANCE
 from hexctl.robot.model import Robot
@@ -27,7 +27,7 @@ class PriorKey:
         failure: as the command line writes it, for any leg.
         self_rotation: direction of the failed leg during the walk.
         heading_deg: direction of travel in the body frame; 0 after a self-rotation.
-        posture: one of `hexctl.control.assessment.static_stability.POSTURES`.
+        posture: one of `hexctl.control.planning.static_stability.POSTURES`.
     """
 
     robot: str

@@ -20,7 +20,7 @@ from hexctl.adapt.sessions.walk_records import (
     TrialRecord,
     WalkRecord,
 )
-from hexctl.control.assessment.uncertainty_store import DISTINCT
+from hexctl.control.scoring.uncertainty_store import DISTINCT
 
 #: Differences of scores below this, 0.5 mm, are never resolved, also if no uncertainty is known.
 LEAST_DIFFERENCE = 0.0005

@@ -17,9 +17,9 @@ from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M, assumed_noise_m
 from hexctl.adapt.prior.samples import drift_samples_of, samples_of, score_samples_of
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.space import GaitSpace
-from hexctl.control.assessment.score import ideal_distance_m, progress_floor_m
-from hexctl.control.assessment.static_stability import slots_by_stability
-from hexctl.control.assessment.top_speed import fast_gaits
+from hexctl.control.planning.static_stability import slots_by_stability
+from hexctl.control.planning.top_speed import fast_gaits
+from hexctl.control.scoring.score import ideal_distance_m, progress_floor_m
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import body_heading_rad
 from hexctl.robot.model import Robot

@@ -7,7 +7,7 @@ from typing import Any
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.store import RUNS, list_sessions, load_session
 from hexctl.adapt.sessions.walk_records import BASELINE_GAITS, TrialRecord
-from hexctl.control.assessment.top_speed import STRIDE
+from hexctl.control.planning.top_speed import STRIDE
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.files import OnDamage
 

@@ -8,7 +8,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizer import Trim
-from hexctl.control.assessment.top_speed import Stride
+from hexctl.control.planning.top_speed import Stride
 from hexctl.control.trial_result import QUALITIES, STATUSES, TrialResult
 from hexctl.gait.gait import AUTO
 from hexctl.types import N_LEGS

@@ -195,7 +195,7 @@ def _stance(report: dict[str, Any]) -> str:
 
 
 def _load_verdicts(report: dict[str, Any]) -> list[str]:
-    from hexctl.control.assessment.gait_load import CONTINUOUS_SHARE
+    from hexctl.control.checks.gait_load import CONTINUOUS_SHARE
 
     one, other = report["nearest_legs"]
     gap_mm = 1000 * report["least_leg_clearance_m"]

@@ -9,8 +9,8 @@ from rich.text import Text
 
 from hexctl.cli.render.stop_reasons import clearing_in_words, link_in_words, why_in_words
 from hexctl.cli.render.tables import label_table
-from hexctl.control.assessment.leg_sets import MOST_LOST
-from hexctl.control.assessment.walk_quality import RAMP_TICKS
+from hexctl.control.planning.leg_sets import MOST_LOST
+from hexctl.control.scoring.walk_quality import RAMP_TICKS
 from hexctl.control.telemetry_watch import hot_servos
 from hexctl.control.trial_plan import PLAIN_TASK
 from hexctl.gait.gait import AUTO, SWING_SHARE, is_crawl
@@ -163,7 +163,7 @@ def _status(outcome: dict[str, Any], clear: str | None) -> Text:
 
 
 def _cause(cause: str | None) -> str:
-    from hexctl.control.assessment.cause import CAUSES
+    from hexctl.control.scoring.cause import CAUSES
 
     return "" if cause is None else f" ({cause}: {CAUSES.get(cause, '')})"
 

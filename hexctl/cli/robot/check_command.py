@@ -10,12 +10,12 @@ from hexctl.cli.console import BAD_INPUT, print_message, print_result
 from hexctl.cli.settings import is_said, runs_folder
 from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import with_options
-from hexctl.control.assessment.check_options import CheckOptions
-from hexctl.control.assessment.leg_sets import DIRECTIONS_RAD, leg_sets
+from hexctl.control.checks.check_options import CheckOptions
+from hexctl.control.planning.leg_sets import DIRECTIONS_RAD, leg_sets
 from hexctl.errors import InputError
 
 if TYPE_CHECKING:
-    from hexctl.control.assessment.feasibility import RobotCheck
+    from hexctl.control.checks.feasibility import RobotCheck
 
 
 @with_options(CheckOptions, rare=("leg_sets", "turn_rate_rad_s"))
@@ -54,7 +54,7 @@ def check(
 
 
 def _checked(options: CheckOptions) -> "RobotCheck":
-    from hexctl.control.assessment.feasibility import check_robot
+    from hexctl.control.checks.feasibility import check_robot
 
     return check_robot(
         options.robot,
@@ -72,7 +72,7 @@ def _further(checked: "RobotCheck", options: CheckOptions) -> dict[str, Any]:
     if options.physics and checked.possible:
         report["physics"] = _measured(checked, options.world or "flat", options.duration_s or 30.0)
     if options.envelope:
-        from hexctl.control.assessment.speed_envelope import speed_envelope
+        from hexctl.control.planning.speed_envelope import speed_envelope
 
         report["envelope"] = speed_envelope(checked.robot, checked.gait)
     if options.leg_sets:
@@ -82,8 +82,8 @@ def _further(checked: "RobotCheck", options: CheckOptions) -> dict[str, Any]:
 
 def _measured(checked: "RobotCheck", world_name: str, duration_s: float) -> dict[str, Any]:
     """Measure and store the uncertainty of a robot's walks in a world; an unwritable folder is a note."""
-    from hexctl.control.assessment.uncertainty import CODES, LEGS, simulation_uncertainty
-    from hexctl.control.assessment.uncertainty_store import keep_uncertainty, known_uncertainty
+    from hexctl.control.scoring.uncertainty import CODES, LEGS, simulation_uncertainty
+    from hexctl.control.scoring.uncertainty_store import keep_uncertainty, known_uncertainty
 
     robot, world = checked.robot, load_world(world_name)
     # A damaged file is refused before the measurement.

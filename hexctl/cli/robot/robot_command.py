@@ -131,7 +131,7 @@ def import_robot(
     ] = None,
 ) -> None:
     """Make a robot file of a URDF or MJCF with six legs of three hinges."""
-    from hexctl.control.assessment.default_gait import walkable
+    from hexctl.control.checks.default_gait import walkable
     from hexctl.robot.formats.importing.robot_import import import_robot as imported_robot
 
     _check_yaml(output, "--output")

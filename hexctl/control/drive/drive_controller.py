@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hexctl.control.assessment.speed_envelope import VelocityLimits
 from hexctl.control.controllers import SITTING_S, Controller, Stand, sitting_angles_rad
 from hexctl.control.drive.arbiter import Arbiter, Decision
 from hexctl.control.drive.drive_walk import DriveWalk
 from hexctl.control.drive.velocity_hold import VelocityHold
 from hexctl.control.monitor.monitored_walk import MonitoredWalk
 from hexctl.control.monitor.recovery import RecoveryPolicy
+from hexctl.control.planning.speed_envelope import VelocityLimits
 from hexctl.control.preparation import WalkStart
 from hexctl.control.telemetry_watch import Temperatures, pace
 from hexctl.control.trial_plan import Feet, TrialPlan

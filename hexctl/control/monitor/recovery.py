@@ -9,10 +9,10 @@ from typing import Literal
 
 import numpy as np
 
-from hexctl.control.assessment.crawl import REACH_POINTS, gait_without
-from hexctl.control.assessment.static_stability import DIRECTION_STEP_RAD, STAND_UP
-from hexctl.control.assessment.top_speed import fast_gaits
 from hexctl.control.monitor.repertoire import SAFEST, Repertoire, find_repertoire, walks_on
+from hexctl.control.planning.crawl import REACH_POINTS, gait_without
+from hexctl.control.planning.static_stability import DIRECTION_STEP_RAD, STAND_UP
+from hexctl.control.planning.top_speed import fast_gaits
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import PACE_HZ, Gait, Motion, is_crawl

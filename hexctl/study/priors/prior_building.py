@@ -14,8 +14,8 @@ from hexctl.adapt.stance import stance_deflection_rad
 from hexctl.archive import ArchiveFileError
 from hexctl.backends.sim.draws import Distribution
 from hexctl.backends.sim.world import DomainRandomization, World, load_randomization
-from hexctl.control.assessment.static_stability import usual_posture
 from hexctl.control.guard import Guard
+from hexctl.control.planning.static_stability import usual_posture
 from hexctl.control.trial_plan import SelfRotation, TrialPlan
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.files import write_trouble

@@ -18,7 +18,7 @@ from hexctl.adapt.prior.samples import Samples, covers, samples_of
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.world import DomainRandomization
-from hexctl.control.assessment.score import progress_floor_m
+from hexctl.control.scoring.score import progress_floor_m
 from hexctl.control.trial import LOOK_TICKS, Enough
 from hexctl.control.trial_plan import DURATION_S
 from hexctl.errors import InputError, RobotFaultError, argument

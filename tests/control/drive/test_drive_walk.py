@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexctl import RobotState, TrialPlan, make_gait
-from hexctl.control.assessment.speed_envelope import POINTS, VelocityLimits
 from hexctl.control.drive.drive_walk import FASTEST_SWING, HALT_S, DriveWalk
 from hexctl.control.drive.velocity_hold import MOST, VelocityHold
+from hexctl.control.planning.speed_envelope import POINTS, VelocityLimits
 from hexctl.control.preparation import WalkStart
 from hexctl.control.walks.velocity_walk import OVERDRIVE, VelocityWalk
 from hexctl.ik.legs import foot_positions_body

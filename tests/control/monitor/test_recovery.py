@@ -10,9 +10,6 @@ import pytest
 
 from hexctl import Failure, InputError, TrialPlan, make_gait
 from hexctl.archive import ArchiveFileError
-from hexctl.control.assessment import crawl
-from hexctl.control.assessment.crawl import CRAWL_SWING
-from hexctl.control.assessment.top_speed import JointPath, fast_gaits
 from hexctl.control.body_symmetry import IDENTITY
 from hexctl.control.monitor import recovery
 from hexctl.control.monitor.posture_trial import MOST_HASTE, TOLD_RISE, PostureTrial
@@ -26,6 +23,9 @@ from hexctl.control.monitor.repertoire import (
     repertoire_files,
     save_repertoire,
 )
+from hexctl.control.planning import crawl
+from hexctl.control.planning.crawl import CRAWL_SWING
+from hexctl.control.planning.top_speed import JointPath, fast_gaits
 from hexctl.control.trial_plan import Hold
 from hexctl.gait.gait import Motion, ideal_speed_m_s
 from hexctl.gait.posture import Posture

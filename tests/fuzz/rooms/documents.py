@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from hexctl.backends.sim.world import World, load_randomization, load_world
-from hexctl.control.assessment.uncertainty_store import UNCERTAINTIES, known_uncertainty
+from hexctl.control.scoring.uncertainty_store import UNCERTAINTIES, known_uncertainty
 from hexctl.errors import HexctlError, InputError
 from hexctl.identify.bench_run import plain_start, read_bench_run
 from hexctl.robot.configs import config_root, read_mapping

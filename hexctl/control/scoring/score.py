@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from hexctl.control.assessment.cause import Samples, symptoms
-from hexctl.control.assessment.walk_quality import cost_of_transport, lean_deg, unsteadiness_m_s
+from hexctl.control.scoring.cause import Samples, symptoms
+from hexctl.control.scoring.walk_quality import cost_of_transport, lean_deg, unsteadiness_m_s
 from hexctl.control.trace import TrialFrame
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import Deviation, TrialResult

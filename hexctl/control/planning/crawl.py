@@ -12,7 +12,7 @@ from itertools import permutations
 
 import numpy as np
 
-from hexctl.control.assessment.static_stability import (
+from hexctl.control.planning.static_stability import (
     DIRECTION_STEP_RAD,
     SAME_MARGIN_M,
     STAND_UP,

@@ -10,11 +10,11 @@ import pytest
 import yaml
 
 from hexctl import InputError
-from hexctl.control.assessment.check_options import CheckOptions
-from hexctl.control.assessment.default_gait import WANTED_LIFT, walkable
-from hexctl.control.assessment.feasibility import GOOD_SPEED, LEAST_SPEED, RobotCheck, check_robot
-from hexctl.control.assessment.gait_load import load_verdict
-from hexctl.control.assessment.stance_width import stance_width
+from hexctl.control.checks.check_options import CheckOptions
+from hexctl.control.checks.default_gait import WANTED_LIFT, walkable
+from hexctl.control.checks.feasibility import GOOD_SPEED, LEAST_SPEED, RobotCheck, check_robot
+from hexctl.control.checks.gait_load import load_verdict
+from hexctl.control.planning.stance_width import stance_width
 from hexctl.gait.gait import NAMED_SLOTS, make_gait
 from hexctl.ik.clearance import PARTS
 from hexctl.ik.legs import foot_positions_body
@@ -23,7 +23,7 @@ from hexctl.robot.formats.importing.robot_import import ImportedRobot
 from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.loader import load_robot_file, robot_of_content
 from hexctl.robot.model import in_stance_of
-from tests.control.assessment.loads import changed, load_of, moved
+from tests.control.checks.loads import changed, load_of, moved
 from tests.robot.hexapods import MOUNTS, TIBIA_M, TRUNK, hexapod, imported, solid
 from tests.robots import ROBOT_NAMES, shipped
 from tests.trials import walk

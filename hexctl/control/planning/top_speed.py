@@ -25,8 +25,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from hexctl.control.assessment.crawl import two_up
-from hexctl.control.assessment.static_stability import DIRECTION_STEP_RAD
+from hexctl.control.planning.crawl import two_up
+from hexctl.control.planning.static_stability import DIRECTION_STEP_RAD
 from hexctl.control.walks.velocity_walk import OVERDRIVE
 from hexctl.gait.encoding import Slots
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.control.assessment.gait_load import GaitLoad, Verdict, gait_load, load_verdict
-from hexctl.control.assessment.stance_width import stance_width
-from hexctl.control.assessment.static_stability import most_stable_slots
+from hexctl.control.checks.gait_load import GaitLoad, Verdict, gait_load, load_verdict
+from hexctl.control.planning.stance_width import stance_width
+from hexctl.control.planning.static_stability import most_stable_slots
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import AUTO, DEFAULT_GAIT, Gait, Motion, ideal_speed_m_s, make_gait
 from hexctl.ik.legs import TOLERANCE_RAD, range_excess_rad, solve_legs

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.control.assessment.crawl import CODE_LEAN, gait_without, least_margin_m
-from hexctl.control.assessment.static_stability import STAND_UP
+from hexctl.control.planning.crawl import CODE_LEAN, gait_without, least_margin_m
+from hexctl.control.planning.static_stability import STAND_UP
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot

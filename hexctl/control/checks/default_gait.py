@@ -7,8 +7,8 @@ from itertools import islice
 
 import numpy as np
 
-from hexctl.control.assessment.feasibility import HEADINGS_RAD, RobotCheck, gait_demand
-from hexctl.control.assessment.gait_load import Verdict, gait_load
+from hexctl.control.checks.feasibility import HEADINGS_RAD, RobotCheck, gait_demand
+from hexctl.control.checks.gait_load import Verdict, gait_load
 from hexctl.errors import InputError
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import DEFAULT_GAIT, Motion, make_gait

@@ -10,9 +10,10 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from hexctl import Failure, Gait, InputError, SimTrial, TrialPlan, make_gait
-from hexctl.control.assessment.crawl import CRAWL_SWING, auto_gait, gait_without, least_margin_m, two_up
-from hexctl.control.assessment.leg_sets import CRAWLS, DOUBTFUL, NO_GAIT, WALKS, doubt, drag, leg_set
-from hexctl.control.assessment.static_stability import (
+from hexctl.control.batch import run_sim_trial
+from hexctl.control.planning.crawl import CRAWL_SWING, auto_gait, gait_without, least_margin_m, two_up
+from hexctl.control.planning.leg_sets import CRAWLS, DOUBTFUL, NO_GAIT, WALKS, doubt, drag, leg_set
+from hexctl.control.planning.static_stability import (
     STAND_UP,
     check_tucked,
     legs_that_stand,
@@ -22,8 +23,7 @@ from hexctl.control.assessment.static_stability import (
     standing_margin_m,
     static_margins_m,
 )
-from hexctl.control.assessment.top_speed import AMPLITUDES, COURSES_RAD, JointPath, fast_gaits
-from hexctl.control.batch import run_sim_trial
+from hexctl.control.planning.top_speed import AMPLITUDES, COURSES_RAD, JointPath, fast_gaits
 from hexctl.control.walks.turning import check_plan
 from hexctl.control.walks.velocity_walk import OVERDRIVE
 from hexctl.errors import UnusedError

@@ -8,14 +8,14 @@ from typing import Any
 import pytest
 
 from hexctl import Failure, InputError, SimTrial, World
-from hexctl.control.assessment.uncertainty import simulation_uncertainty, uncertainty_of_walks
-from hexctl.control.assessment.uncertainty_store import (
+from hexctl.control.batch import run_sim_trial
+from hexctl.control.scoring.uncertainty import simulation_uncertainty, uncertainty_of_walks
+from hexctl.control.scoring.uncertainty_store import (
     UNCERTAINTIES,
     SimulationUncertainty,
     keep_uncertainty,
     known_uncertainty,
 )
-from hexctl.control.batch import run_sim_trial
 from tests.robots import ROBOT_NAMES, shipped
 from tests.trials import sim_trial
 

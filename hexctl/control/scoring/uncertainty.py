@@ -8,12 +8,12 @@ import numpy as np
 
 from hexctl.backends.base import as_robot
 from hexctl.backends.sim.world import World, as_world
-from hexctl.control.assessment.uncertainty_store import (
+from hexctl.control.batch import SimTrial, run_sim_trials
+from hexctl.control.scoring.uncertainty_store import (
     CONFIRM_STEP_S,
     MEASURED_FAILURE,
     SimulationUncertainty,
 )
-from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexctl import Failure, RobotState, TrialPlan, TrialResult, World
-from hexctl.control.assessment.cause import Symptoms, WalkSamples
-from hexctl.control.assessment.score import score
-from hexctl.control.assessment.walk_quality import (
+from hexctl.control.scoring.cause import Symptoms, WalkSamples
+from hexctl.control.scoring.score import score
+from hexctl.control.scoring.walk_quality import (
     BLOCK_TICKS,
     RAMP_TICKS,
     WalkEffort,
@@ -23,7 +23,7 @@ from hexctl.control.assessment.walk_quality import (
 from hexctl.control.trace import TrialFrame
 from hexctl.robot.rotations import quaternion_of_euler
 from hexctl.types import FloatArray
-from tests.control.assessment.loads import along, changed, scored
+from tests.control.checks.loads import along, changed, scored
 from tests.robots import shipped
 from tests.trials import gait_of, walk
 

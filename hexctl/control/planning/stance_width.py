@@ -9,9 +9,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from hexctl.control.assessment.crawl import gait_without
-from hexctl.control.assessment.static_stability import STAND_UP
-from hexctl.control.assessment.top_speed import JointPath
+from hexctl.control.planning.crawl import gait_without
+from hexctl.control.planning.static_stability import STAND_UP
+from hexctl.control.planning.top_speed import JointPath
 from hexctl.errors import InputError
 from hexctl.gait.gait import Gait, Motion
 from hexctl.robot.model import Robot, in_stance_of

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.control.assessment.static_stability import most_stable_slots, static_margins_m
+from hexctl.control.planning.static_stability import most_stable_slots, static_margins_m
 from hexctl.control.walks.velocity_walk import OVERDRIVE
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import Gait, Motion, half_amplitude_turn_rate_rad_s, ideal_speed_m_s

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from hexctl import Robot, TrialPlan, TrialResult, make_gait
-from hexctl.control.assessment.gait_load import GaitLoad, gait_load
-from hexctl.control.assessment.score import score
+from hexctl.control.checks.gait_load import GaitLoad, gait_load
+from hexctl.control.scoring.score import score
 from hexctl.control.trace import TrialFrame
 from hexctl.gait.gait import Motion
 from hexctl.robot.model import in_stance_of

@@ -1,0 +1,1 @@
+"""Choice of gaits: stability, crawls, top speed, speeds by direction, legs that may be lost."""

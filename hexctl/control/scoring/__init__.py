@@ -1,0 +1,1 @@
+"""Scores of walks, causes of bad ones, and the uncertainty of the simulation."""
