@@ -8,10 +8,10 @@ import numpy as np
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from benchmarks.see_floor import floor_errors
+from hexctl.simulators.camera.rendering import FOV_DEG
+from hexctl.simulators.camera.twin_camera import LOOK_AT_M, POSITION_M
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.lens import Lens
-from hexctl.vision.twin.rendering import FOV_DEG
-from hexctl.vision.twin.twin_camera import LOOK_AT_M, POSITION_M
 
 #: A lens of 98 deg from left to right.
 FISHEYE = Lens(

@@ -26,19 +26,19 @@ from hexctl.gait.gait import make_gait
 from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import about_z, product
 from hexctl.server.served_servos import ServedServos
-from hexctl.types import JOINTS_PER_LEG, N_JOINTS, FloatArray, RobotState
-from hexctl.vision.detection.camera import Camera
-from hexctl.vision.detection.tags import Picture, TagFinder
-from hexctl.vision.observer import Observer
-from hexctl.vision.robot_link import LegState
-from hexctl.vision.twin.rendering import (
+from hexctl.simulators.camera.rendering import (
     FLOOR_TAGS,
     WEBCAM,
     RobotPosture,
     SceneRenderer,
     tag_on,
 )
-from hexctl.vision.twin.twin_camera import LOOK_AT_M, NOISE, POSITION_M
+from hexctl.simulators.camera.twin_camera import LOOK_AT_M, NOISE, POSITION_M
+from hexctl.types import JOINTS_PER_LEG, N_JOINTS, FloatArray, RobotState
+from hexctl.vision.detection.camera import Camera
+from hexctl.vision.detection.tags import Picture, TagFinder
+from hexctl.vision.observer import Observer
+from hexctl.vision.robot_link import LegState
 from hexctl.wire.pose import NO_COVARIANCE
 from hexctl.wire.transit_delay import StampCheck
 

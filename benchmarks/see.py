@@ -8,7 +8,7 @@ from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from benchmarks.see_floor import floor_errors
 from benchmarks.seen_servos import held_walk
-from hexctl.vision.twin.rendering import CAMERA, WEBCAM
+from hexctl.simulators.camera.rendering import CAMERA, WEBCAM
 
 #: Bars: of position and heading over a floor of 3 x 2 m, of a picture while the robot is followed, and of
 #: how much farther off a line ends that is held by the camera than one that is held by the true pose.

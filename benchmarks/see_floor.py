@@ -9,6 +9,7 @@ import numpy as np
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import about_z, wrapped_rad
+from hexctl.simulators.camera.rendering import RobotPosture, SceneRenderer, tag_on
 from hexctl.types import FloatArray
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.floor import LearnedFloor, averaged_corners, learn_floor
@@ -18,7 +19,6 @@ from hexctl.vision.detection.tags import Picture, SeenTag, TagFinder
 from hexctl.vision.observer import Observer
 from hexctl.vision.place_learning import LEARNING_PICTURES
 from hexctl.vision.robot_link import LegState
-from hexctl.vision.twin.rendering import RobotPosture, SceneRenderer, tag_on
 
 #: Half of the floor: ahead of the camera, and to its side, in m.
 HALF_FLOOR_M = (1.0, 1.5)

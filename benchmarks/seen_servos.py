@@ -14,6 +14,7 @@ from hexctl.control.trial import run_trial
 from hexctl.control.trial_result import TrialResult
 from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import about_z, wrapped_rad, yaw_rad
+from hexctl.simulators.camera.rendering import WEBCAM, RobotPosture, SceneRenderer, tag_on
 from hexctl.study.hold_walks import HoldCase, HoldPlace
 from hexctl.types import RobotState
 from hexctl.vision.detection.camera import Camera, place_camera
@@ -22,7 +23,6 @@ from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose
 from hexctl.vision.detection.tags import Picture, TagFinder
 from hexctl.vision.observer import Observer
 from hexctl.vision.robot_link import LegState
-from hexctl.vision.twin.rendering import WEBCAM, RobotPosture, SceneRenderer, tag_on
 
 #: Pictures per second, how late they come, and the share that never does.
 FPS, LATENCY_S, DROPPED = 30.0, 0.08, 0.02

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.see import SEED
 from benchmarks.see_floor import FLOOR_TAGS, HALF_FLOOR_M, floor_errors
-from hexctl.vision.twin.rendering import CAMERA, WEBCAM
+from hexctl.simulators.camera.rendering import CAMERA, WEBCAM
 from pictures.picture import Picture
 
 #: Grid of the floor, in m, and the greatest error that has a colour of its own, in mm.

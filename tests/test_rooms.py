@@ -23,11 +23,11 @@ CEILINGS = {
     "robot": 7_050,
     "runs": 1_100,
     "server": 3_960,
-    "simulators": 2_280,
+    "simulators": 3_160,
     "study": 6_910,
     "teleop": 1_960,
     "testing": 570,
-    "vision": 6_010,
+    "vision": 5_130,
     "wire": 3_250,
 }
 

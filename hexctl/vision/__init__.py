@@ -39,8 +39,6 @@ if TYPE_CHECKING:
     from hexctl.vision.pose_stream import CameraReport, CameraStatus
     from hexctl.vision.robot_camera import CameraStarted, RobotCamera
     from hexctl.vision.sheet import Sheet, save_sheet
-    from hexctl.vision.twin.shooting import TwinReport
-    from hexctl.vision.twin.twin_camera import TwinCamera, TwinStarted
 
 # OpenCV reads this as it is loaded: a file of a hundred bytes may claim to hold a picture of a gigabyte. The
 # largest pictures of telephones have 200 million pixels.
@@ -53,11 +51,10 @@ __all__ = [
     "Sheet", "save_sheet",
     "CameraLens", "CalibratedLens",
     "CameraLatency", "TwistAhead", "LatencyTrial", "Latency",
-    "TwinCamera", "TwinStarted", "TwinReport", "PlacedTag",
     "CameraOptions", "LinkedRobotOptions",
     # places and lenses
-    "Place", "FloorTag", "RobotTag", "CameraPose", "AssumedLens", "load_place", "save_place", "arena_of",
-    "Camera",
+    "Place", "FloorTag", "RobotTag", "CameraPose", "AssumedLens", "PlacedTag", "Camera",
+    "load_place", "save_place", "arena_of",
     "Lens", "load_lens", "save_lens",
     # poses
     "PlanarPose", "PoseEstimate",

@@ -12,13 +12,13 @@ from hexctl.cli.shared_options import arena_fields, arena_of
 from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
+from hexctl.simulators.camera.posture_history import followed_robot
+from hexctl.simulators.camera.rendering import FLOOR_TAGS, WEBCAM
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.lens import load_lens, save_lens
 from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.place import CameraPose, load_place
 from hexctl.vision.place import arena_of as seen_arena
-from hexctl.vision.twin.posture_history import followed_robot
-from hexctl.vision.twin.rendering import FLOOR_TAGS, WEBCAM
 from hexctl.waiting import wait_for
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.pose import decode_pose

@@ -9,10 +9,7 @@ import numpy as np
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import about_z
-from hexctl.types import FloatArray
-from hexctl.vision.detection.lens import save_lens
-from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose
-from hexctl.vision.twin.rendering import (
+from hexctl.simulators.camera.rendering import (
     CAMERA,
     FLOOR_TAGS,
     ROBOT_TAG,
@@ -21,6 +18,9 @@ from hexctl.vision.twin.rendering import (
     SceneRenderer,
     tag_on,
 )
+from hexctl.types import FloatArray
+from hexctl.vision.detection.lens import save_lens
+from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose
 from hexctl.vision.video.videos import VideoWriter
 
 __all__ = ["CAMERA", "FLOOR_TAGS", "ROBOT_TAG", "WEBCAM", "tag_on"]

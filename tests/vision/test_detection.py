@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import wrapped_rad
+from hexctl.simulators.camera.rendering import SceneRenderer
 from hexctl.types import FloatArray
 from hexctl.vision.detection.camera import Camera, place_camera, reprojection_px, sees_tags, visible_circle
 from hexctl.vision.detection.camera_watch import CameraChange, CameraWatch
@@ -20,7 +21,6 @@ from hexctl.vision.detection.overlay import with_overlay
 from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose, tag_pose
 from hexctl.vision.detection.robot_tracker import RobotTracker, SeenRobot
 from hexctl.vision.detection.tags import MODULES, UNIT_CORNERS, Picture, SeenTag, TagFinder, tag_modules
-from hexctl.vision.twin.rendering import SceneRenderer
 from tests.vision.scenes import CAMERA, FLOOR_CORNERS, FLOOR_TAGS, ROBOT_TAG, WEBCAM, scene, standing, tag_on
 
 # Tags and the robot.

@@ -17,6 +17,7 @@ import pytest
 from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import about_z, wrapped_rad
+from hexctl.simulators.camera.rendering import RobotPosture, SceneRenderer
 from hexctl.types import FloatArray
 from hexctl.vision import pose_stream
 from hexctl.vision.detection.camera import Camera
@@ -28,7 +29,6 @@ from hexctl.vision.place import arena_of, load_place
 from hexctl.vision.pose_stream import COLUMNS, CameraReport, CameraStatus, PoseStream, PoseTable
 from hexctl.vision.robot_camera import CameraStarted, RobotCamera
 from hexctl.vision.robot_link import LegState
-from hexctl.vision.twin.rendering import RobotPosture, SceneRenderer
 from hexctl.vision.video.videos import Frame, VideoSource, VideoWriter, open_video
 from tests.driven import Driven, driven
 from tests.vision.scenes import (

@@ -13,15 +13,15 @@ from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import checked, with_options
 from hexctl.robot.failure_grammar import parse_leg
 from hexctl.simulators.board_service import BoardService
-from hexctl.vision.twin.twin_camera import TwinCamera
+from hexctl.simulators.camera.twin_camera import TwinCamera
 from hexctl.wire.links import LinkOptions, Role, load_link
 
 if TYPE_CHECKING:
     from hexctl.client.remote import RemoteRobots
     from hexctl.server.service import ServiceStarted
+    from hexctl.simulators.camera.shooting import TwinReport
+    from hexctl.simulators.camera.twin_camera import TwinStarted
     from hexctl.vision.detection.lens import Lens
-    from hexctl.vision.twin.shooting import TwinReport
-    from hexctl.vision.twin.twin_camera import TwinStarted
 
 sim = Commands()
 

@@ -27,12 +27,12 @@ from hexctl.robot.failure_grammar import (
     read_failures,
 )
 from hexctl.simulators.board_faults import BUS_FAULTS, parse_fault
+from hexctl.simulators.camera.camera_faults import parse_camera_fault
+from hexctl.simulators.camera.twin_camera import parse_point
 from hexctl.simulators.pca9685_board import PCA9685_FAULTS
 from hexctl.simulators.servo2040_board import SERVO2040_FAULTS
 from hexctl.teleop.picture_relay import PictureRelay
 from hexctl.vision.camera_options import parse_size
-from hexctl.vision.twin.camera_faults import parse_camera_fault
-from hexctl.vision.twin.twin_camera import parse_point
 from hexctl.wire.links import Endpoint, KeyMap, is_loopback
 from hexctl.wire.page_address import PageAddress
 from hexctl.wire.ros.ros_names import RosNode

@@ -12,14 +12,14 @@ import pytest
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
+from hexctl.simulators.camera import posture_history
+from hexctl.simulators.camera.camera_faults import faulty_camera, is_covered, parse_camera_fault, with_hand
+from hexctl.simulators.camera.posture_history import KEPT, PostureHistory, followed_robot
+from hexctl.simulators.camera.shooting import Delivery, TwinReport
+from hexctl.simulators.camera.twin_camera import TwinCamera, TwinStarted, parse_point
 from hexctl.types import FloatArray
 from hexctl.vision.detection.planar_pose import PlanarPose, tag_pose
 from hexctl.vision.detection.tags import SeenTag, TagFinder
-from hexctl.vision.twin import posture_history
-from hexctl.vision.twin.camera_faults import faulty_camera, is_covered, parse_camera_fault, with_hand
-from hexctl.vision.twin.posture_history import KEPT, PostureHistory, followed_robot
-from hexctl.vision.twin.shooting import Delivery, TwinReport
-from hexctl.vision.twin.twin_camera import TwinCamera, TwinStarted, parse_point
 from hexctl.vision.video.videos import VideoSource, open_video
 from hexctl.waiting import wait_for
 from hexctl.wire.links import Link

@@ -15,12 +15,12 @@ from hexctl.robot.formats.link_frames import BASE_LINK
 from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import about_z
+from hexctl.simulators.camera.twin_camera import BLUR_PX, LOOK_AT_M, NOISE, POSITION_M
 from hexctl.types import ArrayFields, FloatArray
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.lens import Lens
 from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose
 from hexctl.vision.detection.tags import MODULES, Picture, tag_modules
-from hexctl.vision.twin.twin_camera import BLUR_PX, LOOK_AT_M, NOISE, POSITION_M
 
 #: The camera by which MuJoCo draws has no distortion; a lens wider than this would need too many pixels.
 MOST_FOV_DEG = 140.0

@@ -13,8 +13,8 @@ import numpy as np
 from hexctl.backends.zenoh.zenoh_client import linked_robot
 from hexctl.errors import MessageError, RobotFaultError
 from hexctl.robot.model import Robot
+from hexctl.simulators.camera.rendering import RobotPosture
 from hexctl.types import FloatArray
-from hexctl.vision.twin.rendering import RobotPosture
 from hexctl.waiting import comes_true
 from hexctl.wire.links import Link, Role
 from hexctl.wire.pose import decode_pose

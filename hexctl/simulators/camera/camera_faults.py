@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from hexctl.errors import InputError, argument
 from hexctl.robot.rotations import turned
+from hexctl.simulators.camera.rendering import RobotPosture
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.planar_pose import PlacedTag
 from hexctl.vision.detection.tags import Picture
-from hexctl.vision.twin.rendering import RobotPosture
 
 ALLOWED = "moved:X,Y,Z (m), turned:DEGREES or covered:SECONDS, each with @SECONDS or from the start"
 

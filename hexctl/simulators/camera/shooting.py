@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
+from hexctl.simulators.camera.camera_faults import faulty_camera, is_covered, parse_camera_fault, with_hand
+from hexctl.simulators.camera.posture_history import PostureHistory
+from hexctl.simulators.camera.rendering import RobotPosture, SceneRenderer
 from hexctl.vision.detection.planar_pose import PlacedTag
 from hexctl.vision.detection.tags import Picture
-from hexctl.vision.twin.camera_faults import faulty_camera, is_covered, parse_camera_fault, with_hand
-from hexctl.vision.twin.posture_history import PostureHistory
-from hexctl.vision.twin.rendering import RobotPosture, SceneRenderer
 
 if TYPE_CHECKING:
-    from hexctl.vision.twin.twin_camera import TwinCamera
+    from hexctl.simulators.camera.twin_camera import TwinCamera
 
 #: Maximum number of pictures in flight; a faster camera waits.
 MOST_WAITING = 8

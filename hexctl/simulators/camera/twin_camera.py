@@ -17,9 +17,9 @@ from hexctl.vision.camera_options import FPS, LATENCY_MS, LinkedRobotOptions, pa
 from hexctl.waiting import StopRequested, never
 
 if TYPE_CHECKING:
+    from hexctl.simulators.camera.shooting import TwinReport
     from hexctl.vision.detection.camera import Camera
     from hexctl.vision.detection.lens import Lens
-    from hexctl.vision.twin.shooting import TwinReport
 
 PORT = Range(low=0, high=65535, whole=True)
 NOISES = Range(low=0, high=50)
@@ -131,7 +131,7 @@ class TwinCamera(LinkedRobotOptions):
                 "point that it looks at"
             )
         if self.faults:
-            from hexctl.vision.twin.camera_faults import parse_camera_fault
+            from hexctl.simulators.camera.camera_faults import parse_camera_fault
 
             for text in self.faults:
                 parse_camera_fault(text)
@@ -143,8 +143,8 @@ class TwinCamera(LinkedRobotOptions):
         return Camera.looking(self._lens(), np.array(self.position_m), np.array(self.look_at_m))
 
     def _lens(self) -> "Lens":
+        from hexctl.simulators.camera.rendering import FOV_DEG, WEBCAM
         from hexctl.vision.detection.lens import Lens, load_lens
-        from hexctl.vision.twin.rendering import FOV_DEG, WEBCAM
 
         lens = WEBCAM if self.lens is None else load_lens(self.lens)
         if self.size_px is None:
@@ -171,9 +171,9 @@ class TwinCamera(LinkedRobotOptions):
         Raises InputError for an invalid lens or link, RobotFaultError if no simulated robot answers or the
         port is taken, and the errors of `Canvas`.
         """
-        from hexctl.vision.twin.posture_history import followed_robot
-        from hexctl.vision.twin.rendering import FLOOR_TAGS, SceneRenderer, tag_on
-        from hexctl.vision.twin.shooting import Shooting
+        from hexctl.simulators.camera.posture_history import followed_robot
+        from hexctl.simulators.camera.rendering import FLOOR_TAGS, SceneRenderer, tag_on
+        from hexctl.simulators.camera.shooting import Shooting
         from hexctl.vision.video.mjpeg import MjpegServer
 
         camera, link = self.camera(), self.load_link()
