@@ -35,13 +35,11 @@ def make_blueprint(
     watched: bool = False,
     servos: bool = False,
     live: bool = False,
-    several: bool = False,
 ) -> Any:
     """Blueprint of a trial's recording, optionally with evidence against legs (`watched`) and `servos`.
 
     Args:
         live: whether it is shown during the walk: the time cursor follows, and events replace the summary.
-        several: whether to open the list of recordings.
     """
     rrb = load_rerun().blueprint
     hidden = rrb.PlotLegend(visible=False)
@@ -65,19 +63,16 @@ def make_blueprint(
         row_shares=[10, 4, 4, 6],
     )
     time = {"play_state": "following", "loop_mode": "off"} if live else {}
-    return two_columns(scene, side, paths.WALK_TIMELINE, several=several, **time)
+    return two_columns(scene, side, paths.WALK_TIMELINE, **time)
 
 
-def two_columns(left: Any, right: Any, timeline: str, *, several: bool, **time: Any) -> Any:
-    """Blueprint of two columns with a timeline, played in a loop unless `time` has other options.
-
-    The list of recordings is open if there are `several`.
-    """
+def two_columns(left: Any, right: Any, timeline: str, **time: Any) -> Any:
+    """Blueprint of two columns with a timeline, played in a loop unless `time` has other options."""
     rrb = load_rerun().blueprint
     time = {"play_state": "playing", "loop_mode": "all", **time}
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[5, 3]),
-        rrb.BlueprintPanel(state="expanded" if several else "hidden"),
+        rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         rrb.TimePanel(state="collapsed", timeline=timeline, **time),
         auto_views=False,
@@ -112,14 +107,14 @@ def scene_view(robot: Robot, heading_rad: float, floor: Floor) -> Any:
             tracking_entity=paths.FRAME,
         ),
         overrides={
-            paths.TRAIL: up_to_cursor(),
-            paths.RIBBON: up_to_cursor(),
+            paths.TRAIL: _up_to_cursor(),
+            paths.RIBBON: _up_to_cursor(),
             paths.GROUND: rrb.EntityBehavior(interactive=False),
         },
     )
 
 
-def up_to_cursor() -> Any:
+def _up_to_cursor() -> Any:
     """Time range of everything up to the time cursor."""
     rrb = load_rerun().blueprint
     start, end = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative()

@@ -104,19 +104,14 @@ def save_stream(stream: Any, path: Path, blueprint: Any, *, index: bool = True) 
 
 
 @contextmanager
-def new_recording(
-    path: Path, application: str, name: str, layout: Any, *, final: Path | None = None
-) -> Iterator[Any]:
-    """Stream of a file that is written and closed when the block ends; raises RecordingError.
-
-    `final` is the place of a file that is a draft.
-    """
+def new_recording(path: Path, application: str, name: str, layout: Any) -> Iterator[Any]:
+    """Stream of a file that is written and closed when the block ends; raises RecordingError."""
     stream = load_rerun().RecordingStream(application, recording_id=str(uuid.uuid4()))
     save_stream(stream, path, layout)
     try:
         stream.send_recording_name(name)
         yield stream
-        flush(stream, final or path)
+        flush(stream, path)
     finally:
         disconnect(stream)
 

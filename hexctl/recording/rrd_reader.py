@@ -49,18 +49,6 @@ def read_chunks(path: Path) -> Iterator[Any]:
     yield from (message.batch for message in _read(path) if message.batch is not None)
 
 
-def rerun_chunks(path: Path) -> Iterator[Any]:
-    """Chunks of a recording as Rerun's objects, without its layout; raises what `read_chunks` raises."""
-    from rerun.chunk import Chunk
-
-    for message in _read(path):
-        try:
-            chunks = Chunk.from_record_batch(message.batch) if message.store == RECORDING else ()
-        except (RuntimeError, ValueError) as error:
-            raise _damaged(path, error) from error
-        yield from chunks
-
-
 def check_recording(path: Path) -> None:
     """Raise InputError if a file is missing or does not begin like a recording."""
     if not path.is_file():

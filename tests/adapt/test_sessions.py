@@ -13,24 +13,18 @@ import hexctl
 from hexctl.adapt.adapt_options import AdaptOptions
 from hexctl.adapt.runner import TrialRunner
 from hexctl.adapt.search import new_spec
-from hexctl.adapt.sessions import search_steps as module
 from hexctl.adapt.sessions.comparison import check_comparable
 from hexctl.adapt.sessions.search_session import Session
-from hexctl.adapt.sessions.search_steps import search_steps
-from hexctl.adapt.sessions.session_optimizer import make_search
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.session_tables import ASKED_COLUMNS, flat_rows
 from hexctl.adapt.sessions.session_viewing import make_overview
 from hexctl.adapt.sessions.store import FILE_NAME, SessionStore, list_sessions, load_session
-from hexctl.adapt.setting import load_setting
-from hexctl.adapt.trial_loop import AdaptLoop
 from hexctl.cli.main import exit_code
 from hexctl.control.planning.top_speed import STRIDE
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.recording.sessions.session_overview import make_table
 from hexctl.robot.failure import Failure
-from tests.adapt.priors import MadeUpModel, MadeUpWorld, optimizer_of
 from tests.adapt.walking import SPEC, UNSEEN, Landscape, baseline_record, record, result_of, stored_session
 
 
@@ -204,56 +198,6 @@ def test_a_trial_that_never_set_out_or_diverged_has_no_impossible_points() -> No
     assert overview.best is None
 
 
-@pytest.fixture(scope="module")
-def walked(tmp_path_factory: pytest.TempPathFactory) -> Session:
-    """A session with a shipped prior in a made-up world."""
-    folder = tmp_path_factory.mktemp("runs")
-    spec = new_spec(failed_leg=5, budget=5, confirm=1, worth_m=0.0, baseline=False, folder=folder)
-    setting = load_setting(spec)
-    search = make_search(spec, setting.robot, setting.plan, setting.prior)
-    store = SessionStore(folder)
-    made = store.create(spec)
-    AdaptLoop(made, store, search, MadeUpWorld(MadeUpModel().worlds(1, 7)[0])).run()
-    return load_session(made.name, store.folder)
-
-
-def test_the_next_gait_has_the_interval_that_was_stored_with_it(walked: Session) -> None:
-    assert walked.spec.uncertainty_m > 0
-    for step, trial in zip(search_steps(walked), walked.trials, strict=False):
-        assert step.next_code == trial.code
-        assert step.beliefs is not None
-        assert trial.expected is not None
-        row = trial.code - 1
-        # The simulation's own uncertainty is in the chance to reach the target, and so in the interval.
-        reach_m = np.hypot(
-            trial.expected["high_m"] - trial.expected["signed_m"], 1.645 * walked.spec.uncertainty_m
-        )
-        assert step.beliefs.signed_m[row] == pytest.approx(trial.expected["signed_m"], abs=1e-9)
-        assert step.beliefs.high_m[row] - step.beliefs.signed_m[row] == pytest.approx(reach_m, rel=1e-3)
-        assert step.beliefs.signed_m[row] - step.beliefs.low_m[row] == pytest.approx(reach_m, rel=1e-3)
-
-
-def test_beliefs_that_are_not_those_of_the_session_are_not_shown(walked: Session, tmp_path: Path) -> None:
-    first, second, *later = walked.trials
-    another = replace(second, code=second.code % 120 + 1)
-    gone = str(tmp_path / "gone.npz")
-    for changed, why in (
-        (replace(walked, trials=[first, another, *later]), "other trials"),
-        (replace(walked, spec=replace(walked.spec, prior=gone)), "gone.npz"),
-        (replace(walked, spec=replace(walked.spec, prior_digest="0" * 64)), "is not the one"),
-        (replace(walked, spec=replace(walked.spec, robot_fingerprint="")), "robot"),
-        (replace(walked, optimizer_state={"search": {}}), "cannot be shown"),
-    ):
-        steps = search_steps(changed)
-        assert len(steps) == len(walked.trials) + 1
-        assert all(step.beliefs is None for step in steps)
-        assert all(
-            "what was expected of the gaits cannot be shown" in step.note and why in step.note
-            for step in steps
-        )
-        assert all("largest expected gain" not in step.note for step in steps)
-
-
 def test_the_baseline_is_shown_before_the_trials_and_is_never_the_best() -> None:
     shown = session(-0.3)
     shown.trials.append(record(2, -0.3, confirms=True))
@@ -264,24 +208,3 @@ def test_the_baseline_is_shown_before_the_trials_and_is_never_the_best() -> None
     assert "without a search: tripod 1.0 cm" in overview.facts
     rows = [row for row in make_table(overview).splitlines() if row.startswith("| ")]
     assert rows[1].startswith("| 0 | tripod | 1,4,1,4,1,4 | 1.0 cm left |")
-
-
-def test_beliefs_are_shown_until_a_trial_and_a_session_without_an_end_goes_on(
-    walked: Session, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module, "MOST_TRIALS", 2)
-    steps = search_steps(replace(walked, ended=None))
-    assert [step.beliefs is not None for step in steps] == [True] * 3 + [False] * (len(steps) - 3)
-    assert ["until trial 2" in step.note for step in steps] == [False] * 3 + [True] * (len(steps) - 3)
-    assert steps[3].next_code == walked.trials[3].code
-    assert "goes on" in steps[-1].note
-
-
-def test_a_search_without_beliefs_expects_nothing(tmp_path: Path) -> None:
-    store = SessionStore(tmp_path)
-    made = store.create(replace(SPEC, optimizer="random", budget=3))
-    AdaptLoop(made, store, optimizer_of(made.spec), Landscape()).run()
-    steps = search_steps(made)
-    assert [step.beliefs for step in steps] == [None] * 4
-    assert [step.next_code for step in steps] == [*(trial.code for trial in made.trials), None]
-    assert all("expected" not in step.note for step in steps)

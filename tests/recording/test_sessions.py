@@ -1,4 +1,4 @@
-"""The overview recording of made-up sessions, and the steps of a search in it, read back."""
+"""The overview recording of made-up sessions, read back."""
 
 import subprocess
 from dataclasses import replace
@@ -11,13 +11,7 @@ import pytest
 from hexctl.errors import InputError, RecordingError
 from hexctl.recording import rrd
 from hexctl.recording.sessions.session_figures import visible_m, write_overview_file
-from hexctl.recording.sessions.session_overview import (
-    GaitBeliefs,
-    Overview,
-    OverviewTrial,
-    SearchStep,
-    drawable,
-)
+from hexctl.recording.sessions.session_overview import Overview, OverviewTrial, drawable
 from hexctl.recording.viewer import viewer_binary
 from tests.recording.conftest import ReadBack
 
@@ -134,25 +128,6 @@ def test_what_fails_leaves_the_earlier_one(tmp_path: Path, monkeypatch: pytest.M
     with pytest.raises(InputError):
         write_overview_file(tmp_path / "empty.rrd", make_overview())
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_beliefs_do_not_stay_where_there_are_none_any_more(tmp_path: Path) -> None:
-    path, signed_m = tmp_path / "overview.rrd", np.linspace(-1.0, 1.0, 120)
-    beliefs = GaitBeliefs(signed_m=signed_m, low_m=signed_m - 0.2, high_m=signed_m + 0.3)
-    steps = tuple(
-        SearchStep(trials=done, note=f"after {done}", next_code=code, beliefs=beliefs if done < 3 else None)
-        for done, code in enumerate((10, 20, 30, 40, None))
-    )
-    write_overview_file(path, replace(SESSION, steps=steps))
-    shown = {
-        "intervals": rows(path, "/belief/intervals", "LineStrips2D:strips"),
-        "expected": rows(path, "/belief/expected", "Points2D:positions"),
-        "walked": rows(path, "/belief/walked", "Points2D:positions"),
-        "next": rows(path, "/belief/next", "LineStrips2D:strips"),
-        "name": rows(path, "/belief/next/name", "Points2D:positions"),
-    }
-    assert {name: (max(found), found[3]) for name, found in shown.items()} == dict.fromkeys(shown, (3, []))
-    assert all(found[2] for found in shown.values())
 
 
 def test_points_that_cannot_be_drawn_are_left_out() -> None:

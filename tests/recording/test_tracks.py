@@ -1,4 +1,4 @@
-"""What is drawn: robot, floor, gait, ribbon, support, servos, guard, events, failures; walks side by side."""
+"""What is drawn: robot, floor, gait, ribbon, support, servos, guard, events, failures."""
 
 from pathlib import Path
 from typing import Any
@@ -19,11 +19,8 @@ from hexctl.ik.support_polygon import centre_of_mass_body, support, to_world
 from hexctl.palette import FAILED_COLORS, LINK_COLORS
 from hexctl.recording import paths, style
 from hexctl.recording.blueprint import make_blueprint
-from hexctl.recording.recorded_trial import read_trial
 from hexctl.recording.recording import Recording
 from hexctl.recording.scene import MAX_VERTICES, make_floor_mesh
-from hexctl.recording.series import DEVIATION
-from hexctl.recording.side_by_side import names_of, write_together
 from hexctl.runs.run import RunResult, run
 from tests.recording.conftest import ReadBack, Trial, make_plan, write
 from tests.robot.meshmaking import glb_box, stl_box
@@ -299,54 +296,3 @@ def test_a_recording_opens_with_the_time_of_the_walk_and_a_live_view_follows_it(
     assert all(shown[live]["TimePanelBlueprint:timeline"] == [paths.WALK_TIMELINE] for live in shown)
     playing, following = (shown[live]["TimePanelBlueprint:play_state"] for live in (False, True))
     assert playing != following
-
-
-@pytest.fixture(scope="module")
-def recordings(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    folder = tmp_path_factory.mktemp("walks")
-    made = [folder / "a walk.rrd", folder / "b.rrd"]
-    for path, policy in zip(made, ("walk-on", "glide"), strict=True):
-        run(
-            gait="tripod",
-            failure="5:locked@1",
-            policy=policy,
-            duration_s=1.5,
-            record=path,
-        )
-    return made
-
-
-@pytest.fixture(scope="module")
-def written(recordings: list[Path], tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    return write_together(recordings, tmp_path_factory.mktemp("together") / "new")
-
-
-@pytest.mark.slow
-def test_all_walks_are_in_one_scene_each_in_a_lane(written: list[Path], recordings: list[Path]) -> None:
-    scene = ReadBack(written[0])
-    left_m, names = [], []
-    for number, recording in enumerate(recordings, start=1):
-        trial = read_trial(recording)
-        ((place,),) = scene.values(f"/lane{number}", "Transform3D:translation")
-        left_m.append(place[1])
-        moved = scene.values(f"/lane{number}/{paths.ROBOT}", "Transform3D:translation")
-        np.testing.assert_allclose(moved[-1][0][:2], trial.base_position_world[-1, :2], atol=1e-3)
-        assert scene.values(f"/lane{number}/{DEVIATION.path}", "Scalars:scalars")
-        (name,) = [one for (one,) in scene.values(f"/lane{number}/{paths.BODY}/name", "Points3D:labels")]
-        names.append(name)
-    assert len(set(names)) == 2
-    assert len(set(names_of([read_trial(recordings[0])] * 2))) == 2
-    assert abs(left_m[0] - left_m[1]) > 2 * read_trial(recordings[0]).robot.stance_radius_m
-    grounds = [entity for entity in scene.entities if entity.endswith(paths.GROUND)]
-    assert grounds == [f"/lane1/{paths.GROUND}"], "two floors in one place would flicker"
-
-
-def test_the_scene_leads_to_a_copy_of_each_walk(written: list[Path], recordings: list[Path]) -> None:
-    scene = ReadBack(written[0])
-    for number, (recording, copy) in enumerate(zip(recordings, written[1:], strict=True), start=1):
-        ((text,),) = scene.values(f"/lane{number}/{paths.SUMMARY}", "TextDocument:text")
-        assert copy.as_uri() in text
-        before, after = read_trial(recording), read_trial(copy)
-        np.testing.assert_array_equal(before.measured_rad, after.measured_rad)
-        assert before.properties == after.properties
-        assert before.floor_quaternion.tolist() == after.floor_quaternion.tolist()

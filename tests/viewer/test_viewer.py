@@ -27,7 +27,6 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import make_gait
 from hexctl.recording import style
 from hexctl.recording.recording import Recording
-from hexctl.recording.side_by_side import write_together
 from hexctl.robot.failure import Failure
 from pictures.browser import Browser, browser
 from pictures.needed import MissingProgramError
@@ -206,27 +205,6 @@ def test_a_link_leads_to_the_robot_in_the_same_window(
     session_window.show_time(1.0)
     session_window.picture()
     check_robot(of_kind(session_window, "3D"))
-
-
-@pytest.mark.slow
-def test_two_walks_are_seen_in_one_scene_with_the_list_of_recordings(
-    opened: Opener, trial: Path, tmp_path: Path
-) -> None:
-    scene, copy, _ = write_together([trial, trial], tmp_path)
-    with opened(scene) as window:
-        window.await_view("walks side by side")
-        window.await_shown()
-        window.show_time(5.0 + WALK_S)
-        whole = window.picture()
-        drawn = of_kind(window, "3D")
-        check_robot(drawn)
-        # The list is at the left, where a single recording has its scene.
-        assert drawn.pixels.shape[1] < 0.65 * whole.pixels.shape[1]
-        window.open(copy.as_uri())
-        window.await_view("robot")
-        window.show_time(1.0)  # one that plays never comes to rest
-        window.picture()
-        assert of_kind(window, "3D").pixels.shape[1] < 0.65 * whole.pixels.shape[1]
 
 
 @pytest.fixture

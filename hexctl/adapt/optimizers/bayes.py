@@ -1,7 +1,6 @@
 """`bayes`: search with a prior of simulated worlds; trials show which of them resemble the robot's."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -42,14 +41,6 @@ LOOKING_AHEAD = 2
 #: RMS, and repeats correct a value that is too small.
 SIMULATED_NOISE_M = 0.001
 REAL_NOISE_M = 0.04
-
-
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """The next gait and the reason, in words."""
-
-    code: int
-    why: str
 
 
 class Bayes(TaughtOptimizer):
@@ -154,23 +145,19 @@ class Bayes(TaughtOptimizer):
 
     def _suggest(self, count: int) -> list[int]:
         """One gait for any count: the next choice needs its outcome."""
-        return [self.choice().code]
+        return [self._next_code()]
 
-    def choice(self) -> Choice:
-        """The next gait."""
+    def _next_code(self) -> int:
+        """The best gait again if it may be within the target, else an untried one with the largest gain."""
         tried, best = self._tried(), self.recommended()
         if best is not None and tried.all():
-            return Choice(best, "all gaits are walked: the one that is likeliest to be good again")
+            return best
         if best is not None and self._worth_repeating(best):
-            return Choice(best, "a repeat: no gait is likelier to be within the target, and it tells more")
+            return best
         if tried.all():
-            farthest = int(np.argmax(self.forecast().distance_m)) + 1
-            return Choice(farthest, "every gait has failed: the one that is expected to go farthest")
-        ahead = len(self._trials) < LOOKING_AHEAD
-        choose = most_useful if ahead else most_promising
-        row = choose(self.forecast(), self._chance_valid(), tried, self._best_m())
-        gain = "this trial and the next one together" if ahead else "one trial"
-        return Choice(row + 1, f"the largest expected gain of {gain}")
+            return int(np.argmax(self.forecast().distance_m)) + 1
+        choose = most_useful if len(self._trials) < LOOKING_AHEAD else most_promising
+        return choose(self.forecast(), self._chance_valid(), tried, self._best_m()) + 1
 
     def _worth_repeating(self, code: int) -> bool:
         """Whether a walked gait is the best candidate, and its end not known to `uncertainty_m`."""

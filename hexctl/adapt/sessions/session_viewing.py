@@ -9,15 +9,13 @@ from types import MappingProxyType
 from urllib.parse import quote
 
 from hexctl.adapt.sessions.search_session import Session, trials_text
-from hexctl.adapt.sessions.search_steps import search_steps
 from hexctl.adapt.sessions.store import StoreError, load_session, stored_names
 from hexctl.adapt.sessions.walk_records import BASELINE_INDEX, BaselineRecord, TrialRecord, WalkRecord
 from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.files import OnDamage, log_damage
 from hexctl.recording.rrd_reader import viewable
 from hexctl.recording.sessions.session_figures import write_overview_file
-from hexctl.recording.sessions.session_overview import Overview, OverviewTrial, SearchStep, drawable
-from hexctl.recording.side_by_side import write_together
+from hexctl.recording.sessions.session_overview import Overview, OverviewTrial, drawable
 from hexctl.recording.viewer import (
     FileServer,
     free_port,
@@ -31,9 +29,6 @@ from hexctl.scratch import scratch_folder
 
 FILE_NAME = "overview.rrd"
 
-#: Walks in larger files than this, together, open one by one: to write them again would take too long.
-MOST_TOGETHER_BYTES = 60_000_000
-
 #: Paths of the recordings of a session by trial index, or by gait for its baseline.
 RecordingPaths = dict[int | str, Path]
 
@@ -45,7 +40,6 @@ def write_overview(
     into: Path | None = None,
     base: str = "",
     recordings: RecordingPaths | None = None,
-    several: bool = False,
 ) -> Path:
     """Write `overview.rrd`, replacing an earlier one, and return its path.
 
@@ -54,7 +48,6 @@ def write_overview(
         into: the folder to write to; None is the session's.
         base: URL of the recordings, with a slash at its end; empty for files.
         recordings: linked ones; None for all of `recordings_of`.
-        several: whether it is opened with others; the list of recordings is then open.
 
     Raises InputError for a session without trials or a folder that cannot be written, RecordingError when the
     disk did not take everything, and MissingExtraError without Rerun.
@@ -66,7 +59,7 @@ def write_overview(
         index: base + quote(recording.name) if base else recording.resolve().as_uri()
         for index, recording in recordings.items()
     }
-    write_overview_file(path, make_overview(session, addresses, search_steps(session)), several=several)
+    write_overview_file(path, make_overview(session, addresses))
     return path
 
 
@@ -78,12 +71,8 @@ def recordings_of(session: Session, folder: Path) -> RecordingPaths:
     return {key: path for key, path in files.items() if path is not None and path.is_file()}
 
 
-def make_overview(
-    session: Session,
-    addresses: Mapping[int | str, str] = MappingProxyType({}),
-    steps: tuple[SearchStep, ...] = (),
-) -> Overview:
-    """Overview of a session with the steps of its search; `addresses` are the URLs of its recordings."""
+def make_overview(session: Session, addresses: Mapping[int | str, str] = MappingProxyType({})) -> Overview:
+    """Overview of a session; `addresses` are the URLs of its recordings."""
     ideals_m = [trial.result.ideal_distance_m for trial in session.trials]
     return Overview(
         title=session.name,
@@ -93,7 +82,6 @@ def make_overview(
         course_m=max(ideals_m, default=0.0) or 1.0,
         trials=tuple(_shown(trial, addresses.get(trial.index)) for trial in session.trials),
         baseline=tuple(_shown(walk, addresses.get(walk.gait)) for walk in session.baseline),
-        steps=steps,
     )
 
 
@@ -143,7 +131,7 @@ StoredSession = tuple[Session, Path]
 def view_runs(names: Sequence[str], runs: Path, *, on_damage: OnDamage = log_damage) -> int:
     """Open recordings and sessions in one viewer, wait until it is closed, and return its exit code.
 
-    A session opens as its overview with links to its trials; several recordings open as one scene with links.
+    A session opens as its overview with links to its trials.
 
     Args:
         names: paths of recordings, and names or folders of sessions; empty is the newest of either.
@@ -155,15 +143,11 @@ def view_runs(names: Sequence[str], runs: Path, *, on_damage: OnDamage = log_dam
     that cannot start, and MissingExtraError without Rerun.
     """
     with scratch_folder() as spare:
-        chosen = _find_runs(names, runs, on_damage)
-        scene, alone = _common_scene(chosen, spare / "walks")
         paths = [
-            one
-            if isinstance(one, Path)
-            else _current_overview(*one, spare / str(number), on_damage, several=len(chosen) > 1)
-            for number, one in enumerate(alone)
+            one if isinstance(one, Path) else _current_overview(*one, spare / str(number), on_damage)
+            for number, one in enumerate(_find_runs(names, runs, on_damage))
         ]
-        return open_viewer([*scene[:1], *paths])
+        return open_viewer(paths)
 
 
 def serve_runs(
@@ -186,13 +170,7 @@ def serve_runs(
     chosen = _find_runs(names, runs, on_damage)
     port = free_port()
     with FileServer(web_origin(port)) as files, scratch_folder() as folder:
-        walks = folder / "walks"
-        scene, alone = _common_scene(chosen, walks, files.base(walks.name))
-        urls = [files.add(walks.name, path) for path in scene][:1]
-        urls += [
-            _serve(one, files, folder / str(number), on_damage, several=len(chosen) > 1)
-            for number, one in enumerate(alone)
-        ]
+        urls = [_serve(one, files, folder / str(number), on_damage) for number, one in enumerate(chosen)]
         with serve_web(port, urls) as server:
             on_url(web_page(port, urls))
             while not stop_requested():
@@ -201,23 +179,7 @@ def serve_runs(
                 time.sleep(0.1)
 
 
-def _common_scene(
-    chosen: Sequence[Path | StoredSession], folder: Path, base: str = ""
-) -> tuple[list[Path], Sequence[Path | StoredSession]]:
-    """Scene files of several recordings, empty without one, and the choices outside it."""
-    walks = [one for one in chosen if isinstance(one, Path) and one.name != FILE_NAME]
-    if len(chosen) < 2 or not walks or sum(walk.stat().st_size for walk in walks) > MOST_TOGETHER_BYTES:
-        return [], chosen
-    try:
-        scene = write_together(walks, folder, base)
-    except (InputError, RecordingError):  # without a walk, as that of a diagnosis; or the disk is full
-        return [], chosen
-    return scene, [one for one in chosen if one not in walks]
-
-
-def _serve(
-    chosen: Path | StoredSession, files: FileServer, into: Path, on_damage: OnDamage, *, several: bool
-) -> str:
+def _serve(chosen: Path | StoredSession, files: FileServer, into: Path, on_damage: OnDamage) -> str:
     """URL of a recording, or of a session's overview with links to recordings on the same server."""
     if isinstance(chosen, Path):
         return files.add(into.name, chosen)
@@ -226,7 +188,7 @@ def _serve(
     for recording in sound.values():
         files.add(session.name, recording)
     base = files.base(session.name)
-    overview = write_overview(session, folder, into=into, base=base, recordings=sound, several=several)
+    overview = write_overview(session, folder, into=into, base=base, recordings=sound)
     return files.add(session.name, overview)
 
 
@@ -277,12 +239,10 @@ def _find_run(name: str, runs: Path, on_damage: OnDamage) -> Path | StoredSessio
     return loaded, folder
 
 
-def _current_overview(
-    session: Session, folder: Path, spare: Path, on_damage: OnDamage, *, several: bool
-) -> Path:
+def _current_overview(session: Session, folder: Path, spare: Path, on_damage: OnDamage) -> Path:
     """Rewrite the overview, which may be old or missing; in the spare folder if the other is read-only."""
     sound = _sound_ones(recordings_of(session, folder), spare, on_damage)
     try:
-        return write_overview(session, folder, recordings=sound, several=several)
+        return write_overview(session, folder, recordings=sound)
     except (HexctlError, OSError):
-        return write_overview(session, folder, into=spare, recordings=sound, several=several)
+        return write_overview(session, folder, into=spare, recordings=sound)

@@ -16,14 +16,13 @@ from hexctl.palette import (
     LEGEND_M,
     LINE_COLOR,
     TARGET_BANDS,
+    TEXT_COLOR,
     baseline_color,
     deviation_color,
 )
 from hexctl.recording.blueprint import two_columns
 from hexctl.recording.rrd import create_file, create_folders, load_rerun, new_recording
 from hexctl.recording.rrd_reader import check_end
-from hexctl.recording.sessions.belief_figure import STEPS, belief_view, send_steps
-from hexctl.recording.sessions.drawing import THIN, TIMELINE, draw, draw_names, trial_column
 from hexctl.recording.sessions.session_overview import (
     Overview,
     OverviewTrial,
@@ -33,8 +32,8 @@ from hexctl.recording.sessions.session_overview import (
 )
 from hexctl.types import FloatArray
 
-#: Position of the baseline on the timeline.
-BEFORE_TRIALS = 0
+#: The timeline: the number of trials, and the position of the baseline on it.
+TIMELINE, BEFORE_TRIALS = "trial", 0
 
 ABOVE = "above"
 AXES = "above/axes"
@@ -56,11 +55,34 @@ SIDE_LEAST, MARGIN = 0.15, 0.06
 GRID_STEPS_M = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 MAX_LINES = 6
 
-#: Widths and sizes like `THIN`.
-TRACK, BOLD, MARK = -1.0, -1.75, -5.0
+#: Line widths and sizes of marks in points of the screen, which Rerun marks by a negative sign.
+THIN, TRACK, BOLD, MARK = -0.5, -1.0, -1.75, -5.0
 
 #: Draw order: higher covers lower.
 AXIS_ORDER, BAND_ORDER, LINE_ORDER, TRACK_ORDER, BEST_ORDER, MARK_ORDER = range(0, 60, 10)
+
+
+def trial_column(indices: Sequence[int]) -> Any:
+    """Trials as a column of the timeline."""
+    return load_rerun().TimeColumn(TIMELINE, sequence=np.asarray(indices, dtype=np.int64))
+
+
+def draw(stream: Any, path: str, thing: Any, trial: int | None = None) -> None:
+    """Send an archetype of Rerun, to be shown from a trial on; `trial` None draws it at all times."""
+    if trial is None:
+        stream.log(path, thing, static=True)
+        return
+    batches = thing.as_component_batches()
+    columns = [batch.partition([len(batch.as_arrow_array())]) for batch in batches]
+    stream.send_columns(path, [trial_column([trial])], columns)
+
+
+def draw_names(stream: Any, path: str, names: Sequence[tuple[Any, str]], trial: int | None = None) -> None:
+    """Send texts with their positions in the picture."""
+    places = np.array([place for place, _ in names]).reshape(-1, 2)
+    texts = [text for _, text in names]
+    look = {"radii": [0.0], "colors": [TEXT_COLOR], "labels": texts, "show_labels": True}
+    draw(stream, path, load_rerun().Points2D(places, **look), trial)
 
 
 def picture(points_m: FloatArray) -> FloatArray:
@@ -265,19 +287,14 @@ def _send_series(stream: Any, name: str, look: Any, points: Sequence[tuple[int, 
 LEGEND_SHARE = 0.15
 
 
-def make_layout(overview: Overview, *, several: bool = False) -> Any:
-    """Blueprint of an overview; `several` opens the list of recordings."""
+def make_layout(overview: Overview) -> Any:
+    """Blueprint of an overview."""
     rrb = load_rerun().blueprint
-    views = [_above_view(overview), belief_view(overview), _curve_view(overview)]
-    shares = [share for view, share in zip(views, (5, 4, 2), strict=True) if view is not None]
-    left = rrb.Vertical(*(view for view in views if view is not None), row_shares=shares)
+    left = rrb.Vertical(_above_view(overview), _curve_view(overview), row_shares=[5, 2])
     table = rrb.TextDocumentView(origin=TABLE, name="trials")
-    heights = [4, 3] if len(shares) == len(views) else [2, 1]
-    steps = rrb.TextDocumentView(origin=STEPS, name="why this gait")
-    right = rrb.Vertical(table, steps, row_shares=heights) if overview.steps else table
     # Following: the time cursor begins at the last trial, so that all are shown.
     time = {"play_state": "following", "loop_mode": None, "fps": 4.0}
-    return two_columns(left, right, TIMELINE, several=several, **time)
+    return two_columns(left, table, TIMELINE, **time)
 
 
 def _above_view(overview: Overview) -> Any:
@@ -322,8 +339,8 @@ def _curve_view(overview: Overview) -> Any:
 APPLICATION_ID = "hexctl session"
 
 
-def write_overview_file(path: Path, overview: Overview, *, several: bool = False) -> None:
-    """Write an overview atomically, replacing an earlier one; `several` opens the list of recordings.
+def write_overview_file(path: Path, overview: Overview) -> None:
+    """Write an overview atomically, replacing an earlier one.
 
     Raises InputError without trials or a writable place, RecordingError, and MissingExtraError.
     """
@@ -334,9 +351,7 @@ def write_overview_file(path: Path, overview: Overview, *, several: bool = False
         create_folders(path)
         with replacing(path) as draft:
             create_file(draft)
-            with new_recording(
-                draft, APPLICATION_ID, overview.title, make_layout(overview, several=several)
-            ) as stream:
+            with new_recording(draft, APPLICATION_ID, overview.title, make_layout(overview)) as stream:
                 _send(stream, overview)
             check_end(draft)
     except HexctlError:
@@ -349,6 +364,5 @@ def _send(stream: Any, overview: Overview) -> None:
     send_above(stream, overview)
     _send_scores(stream, overview)
     _send_levels(stream, overview)
-    send_steps(stream, overview)
     document = load_rerun().TextDocument(make_table(overview), media_type="text/markdown")
     stream.log(TABLE, document, static=True)

@@ -45,25 +45,6 @@ class OverviewTrial(ArrayFields):
         return end
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GaitBeliefs(ArrayFields):
-    """Expected final deviations and 90 % intervals of all gaits by code, (gaits,), positive to the left."""
-
-    signed_m: FloatArray
-    low_m: FloatArray
-    high_m: FloatArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SearchStep:
-    """State of a search after some trials; `note` is Markdown on the last trial and the next gait."""
-
-    trials: int
-    note: str
-    next_code: int | None = None
-    beliefs: GaitBeliefs | None = None
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Overview:
     """A session for its overview.
@@ -71,7 +52,6 @@ class Overview:
     Attributes:
         course_m: distance of a walk without slip.
         baseline: never the best trial.
-        steps: of the search, beginning before the first trial.
     """
 
     title: str
@@ -81,7 +61,6 @@ class Overview:
     course_m: float
     trials: tuple[OverviewTrial, ...]
     baseline: tuple[OverviewTrial, ...] = ()
-    steps: tuple[SearchStep, ...] = ()
 
     @property
     def curve_factor(self) -> float:
