@@ -23,9 +23,7 @@ if TYPE_CHECKING:
     from hexctl.vision.detection.lens import Lens, load_lens, save_lens
     from hexctl.vision.detection.lens_calibration import CalibratedLens
     from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose
-    from hexctl.vision.estimation.latency import Latency
     from hexctl.vision.estimation.pose_filter import PoseEstimate
-    from hexctl.vision.latency_trial import CameraLatency, LatencyTrial, TwistAhead
     from hexctl.vision.place import (
         AssumedLens,
         CameraPose,
@@ -50,7 +48,6 @@ __all__ = [
     "RobotCamera", "CameraStarted", "CameraStatus", "CameraReport",
     "Sheet", "save_sheet",
     "CameraLens", "CalibratedLens",
-    "CameraLatency", "TwistAhead", "LatencyTrial", "Latency",
     "CameraOptions", "LinkedRobotOptions",
     # places and lenses
     "Place", "FloorTag", "RobotTag", "CameraPose", "AssumedLens", "PlacedTag", "Camera",

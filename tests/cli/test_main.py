@@ -99,7 +99,6 @@ PATH_LINES = (
     "robot import {}.urdf --output new.yaml",
     "see print --output {}.pdf",
     "see calibrate {}.png",
-    "see latency --camera {} --place {}.yaml",
     "sim camera --lens {}.yaml",
     "servos scan --robot {}.yaml",
     "keys new {}",

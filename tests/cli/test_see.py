@@ -86,7 +86,6 @@ def _compare(endpoint: str) -> None:
 def test_a_camera_that_is_not_there_is_a_fault(tmp_path: Path, call: Call) -> None:
     place, url = str(saved(tmp_path)), f"http://127.0.0.1:{free_port()}/"
     for words, named in (
-        (["latency", "--camera", url, "--place", place], url),
         (["--camera", url, "--no-link"], url),
         (["--camera", "63", "--no-link"], "/dev/video63"),
         (["--camera", "63", "--no-link", "--place", place], "/dev/video63"),

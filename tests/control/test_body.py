@@ -1,4 +1,4 @@
-"""What the body does in place: the symmetries of the shipped robots, and a twist on the spot."""
+"""The symmetries of the shipped robots."""
 
 import math
 from dataclasses import replace
@@ -9,19 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl import RobotState
 from hexctl.control.body_symmetry import IDENTITY, BodySymmetry, body_symmetries
-from hexctl.control.body_wiggle import (
-    AMPLITUDE_RAD,
-    DURATION_S,
-    BodyWiggle,
-    wiggle_targets_rad,
-    wiggle_yaw_rad,
-)
-from hexctl.ik.leg_odometry import leg_motions
-from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.schema import Body
-from tests.robots import ROBOT_NAMES, VENDORS_ROBOTS, shipped
+from tests.robots import ROBOT_NAMES, shipped
 
 
 @cache
@@ -75,39 +65,3 @@ def test_symmetries_are_a_group(name: str) -> None:
         back = known[one.legs_before]
         assert back.points(one.points(points)) == pytest.approx(points, abs=1e-7)
         assert one.heading_before_deg(one.heading_deg(20.0)) == pytest.approx(20.0)
-
-
-TIMES_S = np.linspace(0, DURATION_S, 201)
-
-
-@pytest.mark.parametrize("name", [*ROBOT_NAMES, *VENDORS_ROBOTS])
-def test_every_shipped_robot_can_twist_within_its_limits(name: str) -> None:
-    robot = shipped(name)
-    targets = wiggle_targets_rad(robot, TIMES_S)
-    speeds = np.abs(np.diff(targets, axis=0)) / (TIMES_S[1] - TIMES_S[0])
-    assert (speeds < robot.joint_max_speed_rad_s / 2).all()
-    assert targets[[0, -1]] == pytest.approx(np.tile(robot.stance_angles_rad, (2, 1)), abs=1e-6)
-
-
-def test_in_a_twist_the_feet_stay_and_the_body_turns_softly_to_both_sides() -> None:
-    robot, yaw = shipped(), wiggle_yaw_rad(TIMES_S)
-    feet = foot_positions_body(robot, wiggle_targets_rad(robot, TIMES_S))
-    on_floor = (feet[..., 0] + 1j * feet[..., 1]) * np.exp(1j * yaw)[:, np.newaxis]
-    assert np.abs(on_floor - on_floor[0]).max() < 1e-9
-    assert np.abs(feet[..., 2] - feet[0, :, 2]).max() < 1e-9
-    moved = leg_motions(robot, TIMES_S, wiggle_targets_rad(robot, TIMES_S)).motions
-    assert np.cumsum(moved[:, 2]) == pytest.approx(yaw[1:], abs=1e-3)
-    assert yaw[[0, -1]] == pytest.approx([0, 0])
-    assert np.abs(np.gradient(yaw, TIMES_S)[[0, -1]]).max() < 0.02
-    assert yaw.max() == pytest.approx(AMPLITUDE_RAD, rel=0.05)
-    assert yaw.min() == pytest.approx(-AMPLITUDE_RAD, rel=0.05)
-
-
-def test_as_a_controller_it_ends_where_it_began() -> None:
-    robot = shipped()
-    wiggle = BodyWiggle(robot, period_s=0.02)
-    state = RobotState(robot.stance_angles_rad, 0.0, measured=True)
-    assert not wiggle.done(199, state)
-    assert wiggle.done(200, state)
-    for step in (0, 200, 999):
-        assert wiggle.targets_rad(step, state) == pytest.approx(robot.stance_angles_rad, abs=1e-6)

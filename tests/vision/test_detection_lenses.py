@@ -1,6 +1,5 @@
 """Lenses: their equations, their files and those of other tools, and calibration with a printed board."""
 
-import json
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -156,22 +155,6 @@ def test_a_file_storage_of_a_fisheye_and_one_with_short_names(tmp_path: Path) ->
     assert plain.distortion.tolist() == [0.1, 0.01, 0.0, -1e-5, 0.0]
 
 
-@pytest.mark.parametrize(("name", "model"), [("radtan", "plumb_bob"), ("equidistant", "equidistant")])
-def test_a_camchain_is_read(tmp_path: Path, name: str, model: str) -> None:
-    camera = {
-        "camera_model": "pinhole",
-        "distortion_model": name,
-        "distortion_coeffs": FOURTEEN[:4],
-        "intrinsics": [701.2, 699.8, 331.4, 242.9],
-        "resolution": [640, 480],
-    }
-    lens = loaded(tmp_path, yaml.safe_dump({"cam0": camera}))
-    assert (lens.model, lens.size_px) == (model, (640, 480))
-    assert np.allclose(lens.matrix, MATRIX)
-    with pytest.raises(InputError, match="one camera"):
-        loaded(tmp_path, yaml.safe_dump({"cam0": camera, "cam1": camera}))
-
-
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -181,7 +164,6 @@ def test_a_camchain_is_read(tmp_path: Path, name: str, model: str) -> None:
         (yaml.safe_dump(ros(FOURTEEN[:7])), "4, 5 for plumb_bob"),
         (yaml.safe_dump(ros(FOURTEEN[:6], distortion_model="rational_polynomial")), "5, 8, 12, 14"),
         (yaml.safe_dump(ros(FOURTEEN[:5], camera_model="omni")), "distortion_model"),
-        (json.dumps({"cam0": {"intrinsics": [1, 2]}}), "4 numbers"),
         ("image_size: 5", "2 numbers"),
         ("{}", "image_width"),
         (yaml.safe_dump(ros(FOURTEEN[:5], image_width=0)), "image_width"),

@@ -1,35 +1,20 @@
-"""The filter of poses, late, lost, wild and carried sightings, and the latency of a camera."""
+"""The filter of poses: late, lost, wild and carried sightings."""
 
 import math
-import time
-from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from hexctl.backends.sim.servos import SimServos
-from hexctl.control.body_wiggle import wiggle_targets_rad, wiggle_yaw_rad
-from hexctl.errors import InputError
 from hexctl.ik.leg_odometry import leg_motions
-from hexctl.robot.rotations import wrapped_rad, yaw_rad
-from hexctl.types import FloatArray, JointTargets
-from hexctl.vision import latency_trial
+from hexctl.robot.rotations import wrapped_rad
+from hexctl.types import FloatArray
 from hexctl.vision.detection.planar_pose import PlanarPose
-from hexctl.vision.estimation.latency import measure_latency
 from hexctl.vision.estimation.pose_belief import STATES, OwnMotion, PoseBelief, Sighting
 from hexctl.vision.estimation.pose_filter import HISTORY_S, PoseEstimate, PoseFilter
-from hexctl.vision.latency_trial import CameraLatency
-from hexctl.vision.latency_trial import course as twist_course
-from hexctl.vision.robot_link import LegState
-from hexctl.vision.video.videos import Frame, VideoSource
-from hexctl.waiting import wait_for
-from tests.driven import Command, Driven, course, driven
+from tests.driven import Command, Driven, driven
 from tests.robots import shipped
-from tests.vision.test_place import saved
 
 MEAN = np.array([0.3, -0.2, 0.8, 0.1, -0.05, 0.1, 0.2, 0.1, -0.03, 0.4])
 
@@ -326,116 +311,3 @@ def test_motions_that_come_in_bursts_make_no_leap() -> None:
             if estimate.pose is not None and burst > 5:
                 offs_m.append(abs(estimate.pose.x_m - x_m))
     assert max(offs_m) < 0.05
-
-
-# The latency, by the robot's own motion.
-
-#: A twist of the body, by its joints.
-TIMES_S = 0.02 * np.arange(300, dtype=float)
-TWIST = np.column_stack([np.zeros((300, 2)), wiggle_yaw_rad(TIMES_S - 1.0)])
-
-
-def pictures(
-    times_s: FloatArray, true: FloatArray, *, fps: float = 30.0, seed: int = 0
-) -> tuple[FloatArray, FloatArray]:
-    """Arrivals of pictures, and noisy poses in them."""
-    rng = np.random.default_rng(seed)
-    taken_s = np.arange(times_s[0] + 0.01, times_s[-1], 1 / fps)
-    seen = np.column_stack([np.interp(taken_s, times_s, column) for column in true.T])
-    return taken_s + LATE_S, seen + rng.normal(size=seen.shape) * SIGMA
-
-
-def test_wild_sightings_do_not_count() -> None:
-    arrivals_s, seen = pictures(TIMES_S, TWIST)
-    seen[::9] += [0.4, 0.0, 1.0]
-    assert abs(measure_latency(TIMES_S, TWIST, arrivals_s, seen).latency_s - 0.08) < 0.015
-
-
-def test_a_body_that_turns_less_than_its_joints_say_tells_it_all_the_same() -> None:
-    found = measure_latency(TIMES_S, TWIST, *pictures(TIMES_S, TWIST * 0.7))
-    assert abs(found.latency_s - 0.08) < 0.015
-    assert found.factor == pytest.approx(0.7, abs=0.05)
-
-
-@pytest.mark.parametrize("steady", [np.zeros((300, 3)), np.outer(TIMES_S, [0.1, 0.0, 0.0])])
-def test_standing_and_even_motion_tell_nothing(steady: FloatArray) -> None:
-    with pytest.raises(InputError, match="too little motion"):
-        measure_latency(TIMES_S, steady, *pictures(TIMES_S, steady))
-
-
-def test_a_tag_that_moves_otherwise_and_too_few_sightings_are_refused() -> None:
-    with pytest.raises(InputError, match="latency"):
-        measure_latency(TIMES_S, TWIST, *pictures(TIMES_S, TWIST * 3))
-    with pytest.raises(InputError, match="latency"):
-        measure_latency(TIMES_S, TWIST, *pictures(TIMES_S, np.zeros((300, 3))))
-    arrivals_s, seen = pictures(TIMES_S, TWIST)
-    with pytest.raises(InputError, match="sightings"):
-        measure_latency(TIMES_S, TWIST, arrivals_s[30:45], seen[30:45])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("robot", "world", "fps"), [("ant", "flat", 30.0), ("pexod", "real:3", 15.0)])
-def test_a_twist_reveals_the_latency_within_15_ms(robot: str, world: str, fps: float) -> None:
-    """Joints are stamped when they were measured, poses when they are true."""
-    model, rows = shipped(robot), []
-    with SimServos(model, world=world) as servos:
-        for targets_rad in wiggle_targets_rad(model, TIMES_S - 1.0):
-            servos.clock.tick()
-            state = servos.read()
-            servos.write(JointTargets(targets_rad, servos.clock.now_s))
-            assert servos.true_pose is not None
-            position, quaternion = servos.true_pose
-            pose = [*position[:2].tolist(), float(yaw_rad(quaternion))]
-            rows.append((state.stamp_s, servos.clock.now_s, state.joint_positions_rad.copy(), pose))
-    measured_s, times_s, joints_rad, true = (np.array(column) for column in zip(*rows, strict=True))
-    own = course(leg_motions(model, measured_s, joints_rad).motions)
-    found = [
-        measure_latency(measured_s, own, *pictures(times_s, true, fps=fps, seed=seed)) for seed in range(5)
-    ]
-    assert max(abs(one.latency_s - 0.08) for one in found) < 0.015
-    assert max(one.sigma_s for one in found) < 0.01
-
-
-class Empty(VideoSource):
-    """A camera that sees nothing but grey."""
-
-    live, taken = True, 0
-
-    def read(self, timeout_s: float = 1.0) -> Frame:
-        """The next picture."""
-        self.taken += 1
-        return Frame(np.full((720, 1280, 3), 90, dtype=np.uint8), time.monotonic())
-
-    def close(self) -> None:
-        """Nothing is open."""
-
-
-def test_a_robot_that_is_not_seen_does_not_move(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    linked = SimpleNamespace(robot=shipped(), states=list)
-    video = Empty("empty")
-    looked = lambda _: wait_for(lambda: video.taken > 3, 30, "no picture was taken")  # noqa: E731
-    monkeypatch.setattr(latency_trial, "_waited", looked)
-    monkeypatch.setattr(latency_trial, "robot_link", lambda *_: nullcontext(linked))
-    monkeypatch.setattr(latency_trial, "seen_place", lambda known, *_: known)
-    monkeypatch.setattr(CameraLatency, "open_video", lambda *_: video)
-    place, moved = saved(tmp_path), list[object]()
-    before = place.read_bytes()
-    with pytest.raises(InputError, match="camera"):
-        CameraLatency(camera="0", place=place).run(lambda: False, on_moving=moved.append)
-    assert moved == []
-    assert place.read_bytes() == before
-
-
-def test_a_place_that_was_never_learned_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="place"):
-        CameraLatency(camera="0", place=tmp_path / "place.yaml").run(lambda: False)
-
-
-def test_the_course_of_a_twist_is_its_yaw() -> None:
-    robot, times_s = shipped(), 0.02 * np.arange(220, dtype=float)
-    joints = wiggle_targets_rad(robot, times_s)
-    states = [LegState(float(at_s), row, None, None) for at_s, row in zip(times_s, joints, strict=True)]
-    walked = twist_course(robot, states)
-    assert walked[0].tolist() == [0, 0, 0]
-    assert np.abs(walked[:, 2] - wiggle_yaw_rad(times_s)).max() < 0.005
-    assert np.hypot(*walked[:, :2].T).max() < 0.005

@@ -1,4 +1,4 @@
-"""`hexctl see`: the lens of a camera, the place that it sees, its delay, and the robot's position."""
+"""`hexctl see`: the lens of a camera, the place that it sees, and the robot's position."""
 
 import math
 from pathlib import Path
@@ -6,20 +6,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexctl.cli.console import INTERRUPTED, StopOnInterrupt, print_message, print_note, print_result
+from hexctl.cli.console import StopOnInterrupt, print_message, print_note, print_result
 from hexctl.cli.progress import StatusLine
 from hexctl.cli.settings import Commands, SettingsGroup
 from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import with_options
-from hexctl.errors import RobotFaultError
 from hexctl.vision.camera_lens import CameraLens
-from hexctl.vision.camera_options import CameraOptions
 from hexctl.vision.robot_camera import CameraStarted, RobotCamera
 from hexctl.vision.sheet import Sheet, save_sheet
 
 if TYPE_CHECKING:
     from hexctl.vision.detection.lens_calibration import CalibratedLens, LensCalibration
-    from hexctl.vision.latency_trial import LatencyTrial, TwistAhead
     from hexctl.vision.pose_stream import CameraReport, CameraStatus
 
 see = Commands(cls=SettingsGroup, invoke_without_command=True)
@@ -145,55 +142,4 @@ def _lens_text(result: "CalibratedLens", output: Path) -> str:
     return (
         f"{output}: {result.pictures} pictures, which cover {result.coverage:.0%} of the picture; it misses "
         f"the board by {result.rms_px:.2f} px, rays by about {result.doubt_px:.1f} px"
-    )
-
-
-@see.command()
-@with_options(CameraOptions, rare=("place",))
-def latency(options: dict[str, Any], as_json: JsonOption = False) -> None:
-    """Measure how late a camera's pictures come: the standing robot twists once and is watched.
-
-    Its feet stay in place, and nothing else may drive it meanwhile. Ctrl-C takes the twist back. Exit codes:
-    0 done, 2 bad input, an invisible tag or too little motion, 3 fault of robot, link or camera, 130
-    interrupted.
-    """
-    from hexctl.vision.latency_trial import CameraLatency
-
-    measuring, place = CameraLatency(**options), options["place"]
-    with StopOnInterrupt() as interrupt:
-        try:
-            done = measuring.run(interrupt.requested, on_moving=_warn, on_event=print_message)
-        except RobotFaultError:
-            if not interrupt.requested():
-                raise
-            done = None
-    if done is None:
-        print_message("interrupted; nothing is stored")
-        raise typer.Exit(INTERRUPTED)
-    print_result(_latency_json(done, place) if as_json else _latency_text(done, place))
-
-
-def _warn(ahead: "TwistAhead") -> None:
-    print_note(
-        f"{ahead.robot} moves now: it stands up and turns its body to and fro by "
-        f"{math.degrees(ahead.amplitude_rad):.0f} degrees, its feet in place, for {ahead.duration_s:.0f} s; "
-        "Ctrl-C ends it"
-    )
-
-
-def _latency_json(done: "LatencyTrial", place: Path) -> dict[str, Any]:
-    return {
-        "latency_ms": round(1000 * done.latency.latency_s, 1),
-        "sigma_ms": round(1000 * done.latency.sigma_s, 1),
-        "factor": round(done.latency.factor, 3),
-        "pictures": done.pictures,
-        "seen": done.seen,
-        "place": str(place),
-    }
-
-
-def _latency_text(done: "LatencyTrial", place: Path) -> str:
-    return (
-        f"{place}: pictures come {1000 * done.latency.latency_s:.0f} ± {1000 * done.latency.sigma_s:.0f} ms "
-        f"late, by {done.seen} of {done.pictures} pictures; it is stored"
     )

@@ -1,7 +1,7 @@
 """The lens of a camera: which ray each pixel sees.
 
 Its file is the camera calibration of ROS (`camera_info`), which `camera_calibration`, `usb_cam` and others
-write and read; those of OpenCV and Kalibr are read too.
+write and read; those of OpenCV are read too.
 """
 
 import math
@@ -132,7 +132,7 @@ class _LensFile(BaseModel):
 
 
 def load_lens(path: str | Path) -> Lens:
-    """Lens of a camera calibration of ROS, OpenCV or Kalibr. Raises InputError for anything else."""
+    """Lens of a camera calibration of ROS or OpenCV. Raises InputError for anything else."""
     path = Path(path)
     content = validate(_LensFile, read_calibration(path), path)
     matrix, coefficients = content.camera_matrix.data, content.distortion_coefficients.data

@@ -1,6 +1,6 @@
 """Camera calibrations of other tools, in the keys of ROS's camera_info.
 
-Read are ROS's own files, OpenCV's FileStorage (YAML, XML and JSON) and Kalibr's camchain.
+Reads ROS's own files and OpenCV's FileStorage (YAML, XML and JSON).
 """
 
 import re
@@ -31,18 +31,17 @@ KEYS = {
 }
 
 #: Keys of a size: width and height, in this order.
-SIZES = ("imagesize", "resolution", "size")
+SIZES = ("imagesize", "size")
 
 #: Models by other tools' names, in lower case without separators; the number of coefficients decides
 #: between the two of Brown and Conrady.
 MODELS = {
-    **dict.fromkeys(
-        ("plumbbob", "radtan", "radialtangential", "brownconrady", "pinhole", "opencv"), "plumb_bob"
-    ),
+    **dict.fromkeys(("plumbbob", "brownconrady", "pinhole", "opencv"), "plumb_bob"),
     **dict.fromkeys(("perspective", "none", ""), "plumb_bob"),
     **dict.fromkeys(("rationalpolynomial", "rational", "fullopencv"), "rational_polynomial"),
-    **dict.fromkeys(("equidistant", "fisheye", "kannalabrandt", "kannalabrandt4"), "equidistant"),
-    **dict.fromkeys(("opencvfisheye", "pinholeequi", "pinholeequidistant"), "equidistant"),
+    **dict.fromkeys(
+        ("equidistant", "fisheye", "opencvfisheye", "kannalabrandt", "kannalabrandt4"), "equidistant"
+    ),
 }
 
 #: Numbers that a model may have; missing ones are 0, and 12 and 14 have a thin prism and a tilted sensor too.
@@ -61,7 +60,7 @@ def read_calibration(path: Path) -> dict[str, Any]:
     else:  # FileStorage has a header and tags outside YAML
         content = re.sub(rb"^%YAML[: ]1\.\d\s*", b"", content).replace(b"!!opencv-matrix", b"")
         values = mapping_of(content, path)
-    return _named(_one_camera(values, path), path)
+    return _named(values, path)
 
 
 def complete(model: str, coefficients: list[float], path: Path) -> list[float]:
@@ -90,23 +89,6 @@ def _xml_value(element: Element) -> Any:
     return words if element.tag == "data" or len(words) > 1 else "".join(words)
 
 
-def _one_camera(values: dict[str, Any], path: Path) -> dict[str, Any]:
-    """The only camera of a camchain."""
-    cameras = [name for name in values if re.fullmatch(r"cam\d+", str(name))]
-    if len(cameras) > 1:
-        raise InputError(f"{path}: got {', '.join(cameras)}; allowed: one camera")
-    if not cameras or not isinstance(values[cameras[0]], dict):
-        return values
-    camera = values[cameras[0]]
-    fx, fy, cx, cy = _numbers(camera.get("intrinsics"), 4, f"{path}: intrinsics")
-    return {
-        **camera,
-        "camera_model": None,  # of the projection
-        "camera_matrix": {"rows": 3, "cols": 3, "data": [fx, 0, cx, 0, fy, cy, 0, 0, 1]},
-        "distortion_coefficients": camera.get("distortion_coeffs"),
-    }
-
-
 def _named(values: dict[str, Any], path: Path) -> dict[str, Any]:
     plain = {re.sub(r"_", "", str(key)).lower(): value for key, value in values.items()}
     found: dict[str, Any] = {}
@@ -114,8 +96,9 @@ def _named(values: dict[str, Any], path: Path) -> dict[str, Any]:
         found |= next(({key: plain[name]} for name in names if plain.get(name) is not None), {})
     size = next((plain[name] for name in SIZES if plain.get(name) is not None), None)
     if size is not None:
-        width, height = _numbers(size, 2, f"{path}: image size")
-        found = {"image_width": width, "image_height": height} | found
+        if not isinstance(size, list) or len(size) != 2:
+            raise InputError(f"{path}: image size: got {shown(size)}; allowed: 2 numbers")
+        found = dict(zip(("image_width", "image_height"), size, strict=True)) | found
     for key, rows in (("camera_matrix", 3), ("distortion_coefficients", 1)):
         if isinstance(found.get(key), list):
             found[key] = _matrix(found[key], rows)
@@ -152,9 +135,3 @@ def _model(found: Mapping[str, Any], plain: Mapping[str, Any], path: Path) -> st
         if count in COUNTS["rational_polynomial"][1:] and model == "plumb_bob"
         else model
     )
-
-
-def _numbers(values: Any, count: int, what: str) -> list[Any]:
-    if isinstance(values, list) and len(values) == count:
-        return values
-    raise InputError(f"{what}: got {shown(values)}; allowed: {count} numbers")
