@@ -27,7 +27,7 @@ CEILINGS = {
     "study": 6_910,
     "teleop": 1_960,
     "testing": 570,
-    "vision": 5_130,
+    "vision": 4_670,
     "wire": 3_250,
 }
 
