@@ -4,13 +4,12 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
 from hexctl.control.trial_result import Deviation, TrialResult
 from hexctl.errors import InputError, argument, check_type
-from hexctl.robot.plugins import load_named
+from hexctl.robot.plugins import load_custom
 from hexctl.types import BoolArray, FloatArray
 
 #: Score of a trial that fell, made no progress, diverged or was aborted: worse than any valid score.
@@ -148,13 +147,8 @@ def make_objective(name: str) -> Objective:
     check_type(name, str, "objective", f"{', '.join(OBJECTIVES)}, or package.module:name")
     if name in OBJECTIVES:
         return OBJECTIVES[name]
-    if ":" in name:
-        allowed = "an Objective or a function of a TrialResult in a file that can be imported"
-        return as_objective(load_own(name, "objective", allowed), name)
-    raise InputError(
-        f"{argument('objective')}: got {name!r}; allowed: {', '.join(OBJECTIVES)}, "
-        "or package.module:name for your own function of a TrialResult"
-    )
+    allowed = "an Objective or a function of a TrialResult"
+    return as_objective(load_custom(name, "objective", known=OBJECTIVES, allowed=allowed)[0], name)
 
 
 def as_objective(measure: object, name: str = "") -> Objective:
@@ -190,13 +184,3 @@ def undominated(scores: FloatArray) -> BoolArray:
     """Pareto front of scores (trials, objectives): trials that no other one dominates, (trials,)."""
     beaten = [bool(((scores <= row).all(axis=1) & (scores < row).any(axis=1)).any()) for row in scores]
     return ~np.array(beaten, dtype=bool)
-
-
-def load_own(name: str, part: str, allowed: str) -> Any:
-    """The object that `package.module:name` names; raises InputError if it cannot be loaded."""
-    try:
-        return load_named(name, part)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise InputError(
-            f"{argument(part)}: {name!r} cannot be loaded ({error}); allowed: {allowed}"
-        ) from error

@@ -13,14 +13,13 @@ from hexctl.errors import InputError, MissingExtraError, UnusedError, argument
 from hexctl.robot.failure import Failure, FailureEvent
 from hexctl.robot.loader import RobotFile
 from hexctl.robot.model import Robot
-from hexctl.robot.plugins import load_named
+from hexctl.robot.plugins import load_custom
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.drivers import BUS_DRIVERS
 from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.robot.servos.servo_map import ServoMap, default_servo_map
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
 from hexctl.robot.servos.servo_schema import ServosSection
-from hexctl.typed_names import nearest
 
 if TYPE_CHECKING:
     from hexctl.backends.sim.world import World
@@ -91,9 +90,9 @@ def option_values(spec: object, *, but: Container[str] = ()) -> dict[str, Any]:
 def make_servos(name: str, options: BackendOptions) -> LegServos:
     """Servos of a backend, not yet connected.
 
-    `name` is one of `BACKENDS`, or `package.module:Class` for a custom LegServos class. It is called with the
-    robot, and by keyword with those given options that it accepts: fields of `BackendOptions`, and
-    `servo_map`. Raises InputError for an unknown name, MissingExtraError when its extra is not installed.
+    `name` is one of `BACKENDS`, of a plug-in, or `package.module:Class`. The class is called with the robot,
+    and by keyword with the given options that it accepts: fields of `BackendOptions`, and `servo_map`. Raises
+    InputError for an unknown name, MissingExtraError when its extra is not installed.
     """
     if name in BACKENDS:
         return BACKENDS[name].make(options)
@@ -114,7 +113,7 @@ def check_options(
         offered: backends that a message may name; None is all.
         given: values by field of `BackendOptions`; None, False and 0 are not given.
     """
-    takes = BACKENDS[name].takes if name in BACKENDS else _arguments(_own_class(name))
+    takes = BACKENDS[name].takes if name in BACKENDS else _arguments(_own_class(name)[0])
     for field, value in given.items():
         if not value or field in takes:
             continue
@@ -200,7 +199,7 @@ def _pca9685(options: BackendOptions) -> LegServos:
 
 
 def _make_own(name: str, options: BackendOptions) -> LegServos:
-    own = _own_class(name)
+    own, label = _own_class(name)
     accepted = _arguments(own)
     given = _given(options, accepted)
     if "servo_map" in accepted:
@@ -208,11 +207,11 @@ def _make_own(name: str, options: BackendOptions) -> LegServos:
     try:
         made = own(options.robot, **given)
     except (AttributeError, TypeError, ValueError) as error:
-        raise _not_loaded(name, error) from error
-    if not isinstance(made, LegServos):
         raise InputError(
-            f"{argument('backend')}: {name!r} made a {type(made).__name__}; allowed: a subclass of LegServos"
-        )
+            f"{argument('backend')}: {label} cannot be made ({error}); allowed: {_ALLOWED}"
+        ) from error
+    if not isinstance(made, LegServos):
+        raise InputError(f"{argument('backend')}: {label} made a {type(made).__name__}; allowed: {_ALLOWED}")
     return made
 
 
@@ -225,16 +224,12 @@ def _given(options: BackendOptions, accepted: Container[str]) -> dict[str, Any]:
     }
 
 
-def _own_class(name: str) -> Any:
-    if ":" not in name:
-        raise InputError(
-            f"{argument('backend')}: got {name!r}; allowed: {', '.join(BACKENDS)}, "
-            f"or package.module:Class for your own LegServos{nearest(name, BACKENDS)}"
-        )
-    try:
-        return load_named(name, "servos")
-    except (ImportError, AttributeError, TypeError, ValueError) as error:
-        raise _not_loaded(name, error) from error
+_ALLOWED = "a LegServos class that takes the robot"
+
+
+def _own_class(name: str) -> tuple[Any, str]:
+    """Class of a plug-in or of `package.module:Class`, and its name for messages."""
+    return load_custom(name, "backend", known=BACKENDS, allowed=_ALLOWED, door="servos")
 
 
 def _arguments(own: Any) -> frozenset[str]:
@@ -244,13 +239,6 @@ def _arguments(own: Any) -> frozenset[str]:
         return frozenset()
     named = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     return frozenset(parameter.name for parameter in parameters if parameter.kind in named)
-
-
-def _not_loaded(name: str, error: Exception) -> InputError:
-    return InputError(
-        f"{argument('backend')}: {name!r} cannot be loaded ({error}); "
-        "allowed: a LegServos class that takes the robot"
-    )
 
 
 BACKENDS: dict[str, Backend] = {

@@ -5,10 +5,13 @@ Functions import late, to keep `hexctl --help` and the Tab key fast. Without a m
 
 from collections.abc import Callable, Iterable
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hexctl.cli.settings import runs_folder
 from hexctl.errors import HexctlError
+
+if TYPE_CHECKING:
+    from hexctl.robot.plugins import Door
 
 Words = list[str]
 
@@ -25,8 +28,15 @@ def _offered(words: Callable[[], Iterable[str]]) -> Callable[[str], Words]:
     return complete
 
 
-def _constant(module: str, name: str) -> Callable[[str], Words]:
-    return _offered(lambda: getattr(import_module(f"hexctl.{module}"), name))
+def _constant(module: str, name: str, door: "Door | None" = None) -> Callable[[str], Words]:
+    """Names in a module, then those of plug-ins, none of which is imported."""
+
+    def words() -> Iterable[str]:
+        from hexctl.robot.plugins import plugin_names
+
+        return (*getattr(import_module(f"hexctl.{module}"), name), *(plugin_names(door) if door else ()))
+
+    return _offered(words)
 
 
 @_offered
@@ -73,11 +83,12 @@ failures = _offered(lambda: [f"{leg}:{kind}" for leg in range(1, 7) for kind in 
 failed_legs = _offered(lambda: [*map(str, range(1, 7)), "auto"])
 
 
-backends = _constant("backends.registry", "BACKENDS")
+backends = _constant("backends.registry", "BACKENDS", "servos")
 served_backends = _offered(lambda: [name for name in backends("") if name != "zenoh"])
 
 
-optimizers = _constant("adapt.optimizers.shipped", "NAMES")
+optimizers = _constant("adapt.optimizers.shipped", "NAMES", "optimizers")
+recoveries = _constant("control.monitor.recovery", "POLICIES", "recoveries")
 objectives = _constant("adapt.objectives", "OBJECTIVES")
 
 

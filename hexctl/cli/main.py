@@ -4,8 +4,8 @@ import importlib
 import os
 import sys
 from collections import UserDict
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from types import ModuleType
 from typing import Annotated, Any
 
 import typer
@@ -13,6 +13,7 @@ from typer.core import TyperCommand
 from typer.exceptions import TyperException
 from typer.main import get_command, get_group
 
+from hexctl.cli.commands import COMMANDS, MODULES, Command
 from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED, discard_stdout, in_flags, print_note
 from hexctl.cli.grouped_help import HelpGroup
 from hexctl.cli.interrupts import not_begun, raise_deferred
@@ -31,121 +32,52 @@ from hexctl.errors import (
     room_hint,
     shortened,
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Command:
-    """A command as the help lists it, and the folder of its module."""
-
-    folder: str
-    panel: str
-    summary: str
-
-
-#: Commands by group and in the order of the help: folder in `hexctl.cli`, and summary.
-GROUPS = {
-    "Walk and adapt": {
-        "run": ("walk", "Walk, record the walk, and report the result."),
-        "adapt": ("walk", "Find a gait for a failed leg in few trials; each is kept and recorded."),
-        "drive": ("walk", "Drive a robot by hand: keyboard, gamepad, or a page for a phone."),
-        "view": (
-            "results",
-            "Open recordings or sessions in the Rerun viewer until it is closed, or watch a robot.",
-        ),
-        "demo": ("walk", "Break a leg of a simulated robot in mid-walk, and see it recover."),
-        "sessions": ("results", "List, compare and delete sessions of hexctl adapt."),
-        "export": ("results", "Write a robot, recordings or a session in a format of other programs."),
-    },
-    "Your robot": {
-        "check": (
-            "robot",
-            "Check whether a robot can walk a gait: reach, angles, speeds, torques and servo pulses.",
-        ),
-        "robot": ("robot", "List the shipped robots, and make robot files."),
-        "gaits": ("robot", "List the named gaits."),
-        "worlds": ("robot", "List the shipped simulated worlds."),
-        "diagnose": ("walk", "Find which leg and joint failed, and how, in 12 s of small motions at rest."),
-        "identify": (
-            "robot",
-            "Find stiffness, damping, rotor inertia, friction and dead time of a robot's servos.",
-        ),
-        "see": (
-            "network",
-            "Measure a robot's position with a camera and printed tags, and send it to the robot, "
-            "until Ctrl-C.",
-        ),
-        "calibrate": (
-            "bus",
-            "Find direction, offset and limits of each servo, and write them to the robot file.",
-        ),
-        "ports": ("bus", "List serial ports with a device, and their adapters."),
-        "doctor": ("robot", "Report what this computer has and what works on it, for a bug report."),
-        "servos": (
-            "bus",
-            "Scan, identify and set up the servos of a serial bus, with or without a robot file.",
-        ),
-        "sim": ("network", "Simulate servo boards, servo buses and a camera, and let simulated legs fail."),
-    },
-    "Over the network": {
-        "serve": (
-            "network",
-            "Serve a robot, real or simulated, on the network, with its own guard and stop.",
-        ),
-        "status": (
-            "network",
-            "Show who commands a robot on the network, why it is stopped, and which messages were dropped.",
-        ),
-        "estop": ("network", "Stop a robot on the network from anywhere, whichever client commands it."),
-        "keys": ("network", "Make and show certificates for robots beyond this computer."),
-    },
-    "Simulate a lot": {
-        "study": (
-            "study",
-            "Repeat the paper's experiments: all gaits of each failed leg, all optimizers, one report.",
-        ),
-        "prior": ("study", "Make and show priors: what hexctl adapt believes before its first trial."),
-    },
-}
-
-COMMANDS = {
-    name: Command(folder, panel, summary)
-    for panel, commands in GROUPS.items()
-    for name, (folder, summary) in commands.items()
-}
-
-#: Commands in the module of another one.
-MODULES = {"gaits": "robot", "worlds": "robot"}
+from hexctl.robot.plugins import find_plugin, plugin_names, plugins
 
 
 class _Loaded(UserDict[str, Any]):
-    """Commands by name, each built from its declaration when it is first looked up."""
+    """Commands by name, each built when it is first looked up; metadata is read for an unknown name."""
 
     def __getitem__(self, name: str) -> Any:
-        found = super().__getitem__(name)
-        if isinstance(found, Command):
-            found = self[name] = _build(name, found)
-        return found
+        if name not in self.data:
+            self[name] = _build(name, self.declared(name))
+        return super().__getitem__(name)
+
+    def __contains__(self, name: object) -> bool:
+        return name in COMMANDS or name in plugin_names("commands")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(dict.fromkeys((*COMMANDS, *plugin_names("commands"))))
+
+    def declared(self, name: str) -> Command:
+        """Group and summary of a command; raises KeyError for an unknown name."""
+        if name in COMMANDS:
+            return COMMANDS[name]
+        offered = {one.entry.name: one.summary for one in plugins("commands")}
+        return Command(None, "Plug-ins", offered[name])
 
 
 class _Commands(HelpGroup):
     """The commands; each is imported when it is called, for a fast help and a fast stop."""
 
+    commands: _Loaded
+
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
-        self.commands, self._listing = _Loaded(COMMANDS), False
+        self.commands, self._listing = _Loaded(), False
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a command; for a help text only its name and summary."""
-        if cmd_name not in COMMANDS:
+        if cmd_name not in self.commands:
             return None
         if not self._listing:
             return self.commands[cmd_name]
-        declared = COMMANDS[cmd_name]
+        declared = self.commands.declared(cmd_name)
         return TyperCommand(cmd_name, help=declared.summary, rich_help_panel=declared.panel)
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of all commands, in the order of the help."""
-        return list(COMMANDS)
+        return list(self.commands)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help text."""
@@ -157,9 +89,9 @@ class _Commands(HelpGroup):
 
 
 def _build(name: str, declared: Command) -> Any:
-    module = importlib.import_module(f"hexctl.cli.{declared.folder}.{MODULES.get(name, name)}_command")
+    module, found = _load(name, declared.folder)
     raise_deferred()
-    found, app = getattr(module, name), Commands()
+    app = Commands()
     if isinstance(found, typer.Typer):
         own: dict[str, Any] = {} if found.registered_callback else {"help": declared.summary}
         app.add_typer(found, name=name, rich_help_panel=declared.panel, **own)
@@ -167,6 +99,20 @@ def _build(name: str, declared: Command) -> Any:
         kind = getattr(module, "COMMAND_CLASS", SettingsCommand)
         app.command(name, rich_help_panel=declared.panel, cls=kind)(found)
     return get_group(app).commands[name]
+
+
+def _load(name: str, folder: str | None) -> tuple[ModuleType, Any]:
+    """Module and function of a command, or its Typer; raises InputError for a plug-in without either."""
+    if folder is not None:
+        module = importlib.import_module(f"hexctl.cli.{folder}.{MODULES.get(name, name)}_command")
+        return module, getattr(module, name)
+    plugin = find_plugin("commands", name)
+    if plugin is None:
+        raise InputError(f"{name}: its entry point is missing; install hexctl again")
+    found = plugin.load()
+    if not callable(found):
+        raise InputError(f"{plugin}: got a {type(found).__name__}; allowed: a function or a typer.Typer")
+    return sys.modules[plugin.entry.module], found
 
 
 app = Commands(

@@ -5,7 +5,7 @@ print(checkup.works["simulate walks"] or "simulates")
 """
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from hexctl.adapt.sessions.store import RUNS
 from hexctl.doctor.connections import Connections, Device, read_connections
 from hexctl.doctor.machine import WALK_MB, Drawing, Machine, read_drawing, read_machine
 from hexctl.doctor.packages import Packages, read_packages
+from hexctl.doctor.plugin_check import PluginFound, read_plugins
 from hexctl.doctor.settings_check import SettingsFound, no_option, read_settings_found
 from hexctl.export.render import RENDERERS
 from hexctl.installation import install_command
@@ -52,6 +53,7 @@ class Checkup:
     connections: Connections
     variables: dict[str, str]
     settings: SettingsFound
+    plugins: tuple[PluginFound, ...]
     works: dict[str, str | None]
 
     def to_dict(self) -> dict[str, Any]:
@@ -59,13 +61,19 @@ class Checkup:
         return asdict(self)
 
 
-def doctor(folder: Path | str = RUNS, *, is_option: Callable[[str], bool] = no_option) -> Checkup:
+def doctor(
+    folder: Path | str = RUNS,
+    *,
+    is_option: Callable[[str], bool] = no_option,
+    commands: Container[str] = (),
+) -> Checkup:
     """Examine this computer; it takes a few seconds, moves nothing and opens no device.
 
     Args:
         folder: of runs, for the disk.
         is_option: whether a variable such as `HEXCTL_RUN_SEED` is an option of a command; without it those
             are reported as unknown.
+        commands: names of hexctl's commands, which no plug-in can replace.
     """
     machine, packages = read_machine(Path(folder)), read_packages()
     drawing, connections = read_drawing(), read_connections()
@@ -76,6 +84,7 @@ def doctor(folder: Path | str = RUNS, *, is_option: Callable[[str], bool] = no_o
         connections=connections,
         variables={name: _without_host(name, text) for name in VARIABLES if (text := os.environ.get(name))},
         settings=read_settings_found(is_option),
+        plugins=read_plugins(commands),
         works=dict(_works(machine, packages, drawing, connections)),
     )
 

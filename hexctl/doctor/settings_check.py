@@ -60,6 +60,10 @@ def _anonymous(key: str, value: Any) -> str:
     last = key.lower().replace("_", ".").replace("-", ".").rpartition(".")[2]
     if last in ADDRESSES:
         return "given"
+    return without_home(str(value))
+
+
+def without_home(text: str) -> str:
+    """A text without the name of the person's home folder."""
     home = str(Path("~").expanduser())
-    text = str(value)
     return text if home in ("/", "~") else text.replace(home, "~")

@@ -1,17 +1,91 @@
-"""Custom classes and functions, named as `package.module:name`: servos, optimizers, objectives."""
+"""Plug-ins of installed distributions, and custom objects named as `package.module:name`.
 
-import importlib
+A distribution offers an object by an entry point in a group such as `hexctl.optimizers`. Names are read from
+metadata; the object is imported when it is used.
+"""
+
 import os
 import sys
-from collections.abc import Callable, Mapping
-from inspect import isclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-from hexctl.errors import InputError, argument
+from hexctl.errors import EXTRAS, HexctlError, InputError, MissingExtraError, argument
 from hexctl.typed_names import nearest
 
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
 MadeT = TypeVar("MadeT")
+
+#: What plug-ins may be: the last word of a group of entry points.
+Door = Literal["servos", "families", "optimizers", "recoveries", "commands"]
+
+
+@dataclass(frozen=True, slots=True)
+class Plugin:
+    """An entry point of a distribution; nothing of it is imported before `load`."""
+
+    door: Door
+    entry: "EntryPoint"
+
+    def __str__(self) -> str:
+        return f"{self.entry.name} of {self.distribution}"
+
+    @property
+    def distribution(self) -> str:
+        """Name and version of the distribution."""
+        return f"{self.entry.dist.name} {self.entry.dist.version}" if self.entry.dist else "no distribution"
+
+    @property
+    def is_own(self) -> bool:
+        """Whether hexctl itself offers it."""
+        return self.entry.dist is not None and self.entry.dist.name == "hexctl"
+
+    @property
+    def summary(self) -> str:
+        """The distribution's summary, for a help text."""
+        metadata = self.entry.dist.metadata.json if self.entry.dist else {}
+        return f"{str(metadata.get('summary', '')).rstrip('.')} ({self.distribution})."
+
+    def load(self) -> Any:
+        """Import the object; raises InputError that names the distribution, or MissingExtraError."""
+        try:
+            return self.entry.load()
+        except (Exception, SystemExit) as error:
+            extra = EXTRAS.get((getattr(error, "name", None) or "").partition(".")[0])
+            if isinstance(error, ModuleNotFoundError) and extra is not None:
+                raise MissingExtraError(self.entry.name, extra) from error
+            why = f"{type(error).__name__}: {error}"
+            raise InputError(f"{self} cannot be loaded ({why}); repair or uninstall it") from error
+
+
+@cache
+def plugins(door: Door) -> tuple[Plugin, ...]:
+    """All plug-ins of a door, hexctl's own first, then by name and distribution."""
+    from importlib.metadata import entry_points  # slow to import
+
+    found = [Plugin(door, entry) for entry in entry_points(group=f"hexctl.{door}")]
+    return tuple(sorted(found, key=lambda one: (not one.is_own, one.entry.name, one.distribution)))
+
+
+def plugin_names(door: Door) -> tuple[str, ...]:
+    """Names of the plug-ins of a door."""
+    return tuple(dict.fromkeys(one.entry.name for one in plugins(door)))
+
+
+def find_plugin(door: Door, name: str) -> Plugin | None:
+    """The plug-in of a name, or None; hexctl's own precedes others.
+
+    Raises InputError if several distributions offer the name.
+    """
+    found = [one for one in plugins(door) if one.entry.name == name]
+    if len(found) > 1 and not found[0].is_own:
+        raise InputError(f"{' and '.join(map(str, found))} have one name; uninstall one of them")
+    return next(iter(found), None)
 
 
 def module_here(name: str) -> ModuleType:
@@ -21,7 +95,7 @@ def module_here(name: str) -> ModuleType:
     """
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
-    return importlib.import_module(name)
+    return import_module(name)
 
 
 def load_named(name: str, part: str) -> Any:
@@ -40,18 +114,53 @@ def load_named(name: str, part: str) -> Any:
     return getattr(module, attribute)
 
 
-def made_of(name: str, named: Mapping[str, Callable[[], MadeT]], kind: type[MadeT], part: str) -> MadeT:
-    """An object of a name in `named`, or of `package.module:Class`, of a kind; raises InputError."""
-    if name in named:
-        return named[name]()
-    what, allowed = argument(part), f"{', '.join(named)}, package.module:Class"
-    if ":" not in name:
-        raise InputError(f"{what}: got {name or repr(name)}; allowed: {allowed}{nearest(name, named)}")
+def load_custom(
+    name: str, part: str, *, known: Iterable[str], allowed: str, door: Door | None = None
+) -> tuple[Any, str]:
+    """The object of a plug-in's name or of `package.module:name`, and its name for messages.
+
+    Args:
+        part: its argument of the library, such as `optimizer`.
+        known: built-in names.
+        allowed: a short description of the object.
+
+    Raises:
+        InputError: for an unknown name, and for an object that cannot be loaded.
+    """
+    what = argument(part)
     try:
-        own = load_named(name, part)
-        made = own() if isclass(own) else own
+        plugin = None if door is None else find_plugin(door, name)
+        if plugin is not None:
+            return plugin.load(), str(plugin)
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from error
+    if ":" not in name:
+        names = [*known, *(plugin_names(door) if door else ())]
+        listed = f"{', '.join(names)}, package.module:name for {allowed}"
+        raise InputError(f"{what}: got {name!r}; allowed: {listed}{nearest(name, names)}")
+    try:
+        # The servos of a script are resumed as `servos=`, not as a name of a backend.
+        return load_named(name, "servos" if part == "backend" else part), name
     except (ImportError, AttributeError, TypeError, ValueError) as error:
         raise InputError(f"{what}: {name} cannot be loaded ({error}); allowed: {allowed}") from error
+
+
+def made_of(
+    name: str,
+    named: Mapping[str, Callable[[], MadeT]],
+    kind: type[MadeT],
+    part: str,
+    door: Door | None = None,
+) -> MadeT:
+    """An object of a kind: of a name in `named`, of a plug-in or of `package.module:Class`; or InputError."""
+    if name in named:
+        return named[name]()
+    allowed = f"a {kind.__name__}"
+    custom, label = load_custom(name, part, known=named, allowed=allowed, door=door)
+    try:
+        made = custom() if isinstance(custom, type) else custom
+    except (HexctlError, AttributeError, TypeError, ValueError) as error:
+        raise InputError(f"{argument(part)}: {label} cannot be made ({error}); allowed: {allowed}") from error
     if not isinstance(made, kind):
-        raise InputError(f"{what}: got {name}, a {type(made).__name__}; allowed: a {kind.__name__}")
+        raise InputError(f"{argument(part)}: got {label}, a {type(made).__name__}; allowed: {allowed}")
     return made

@@ -115,7 +115,7 @@ def test_a_score_that_is_not_a_finite_number_is_refused(score: object) -> None:
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("haste", f"got 'haste'; allowed: {', '.join(OBJECTIVES)}, or package.module:name"),
+        ("haste", f"got 'haste'; allowed: {', '.join(OBJECTIVES)}, package.module:name"),
         (f"{__name__}:nothing", "cannot be loaded"),
         ("no_such_module_here:score", "cannot be loaded"),
         ("hexctl.adapt.space:GaitSpace", "allowed: a name, an Objective, or a function of a TrialResult"),

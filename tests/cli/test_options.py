@@ -9,8 +9,9 @@ from typing import Annotated, Any, ClassVar, Literal, get_origin
 import pytest
 import typer
 
+from hexctl.cli.commands import COMMANDS
 from hexctl.cli.grouped_help import MOST_UNGROUPED
-from hexctl.cli.main import COMMANDS, app
+from hexctl.cli.main import app
 from hexctl.cli.suggestions import SYNONYMS
 from hexctl.errors import InputError, WrongTypeError
 from hexctl.options import (

@@ -1,6 +1,5 @@
 """The registry of optimizers."""
 
-from hexctl.adapt.objectives import load_own
 from hexctl.adapt.optimizer import Optimizer, OptimizerChoice, OptimizerClass
 from hexctl.adapt.optimizers import baselines, population
 from hexctl.adapt.optimizers.shipped import (
@@ -10,12 +9,10 @@ from hexctl.adapt.optimizers.shipped import (
     OF_SESSIONS,
     OPTIMIZERS,
     POPULATIONS,
-    STRIDES,
-    TRIM,
 )
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError, argument, check_type
-from hexctl.typed_names import nearest
+from hexctl.robot.plugins import load_custom
 
 
 def name_of(optimizer: OptimizerChoice) -> str:
@@ -52,21 +49,13 @@ def make_optimizer(name: OptimizerChoice | OptimizerClass, space: GaitSpace, see
             f"{argument('optimizer')}: got {name} outside of a session; allowed: {known} "
             f"({name} with {commands})"
         )
-    if ":" in name:
-        return _own(name)(space, seed)
-    raise InputError(
-        f"{argument('optimizer')}: got {name!r}; allowed: {BAYES} (with a prior), {known}, "
-        f"{TRIM} and {STRIDES} (with hexctl adapt), "
-        f"or package.module:Class for your own Optimizer{nearest(name, NAMES)}"
+    kind, label = load_custom(
+        name, "optimizer", known=NAMES, allowed="a subclass of Optimizer", door="optimizers"
     )
-
-
-def _own(name: str) -> type[Optimizer]:
-    found = load_own(name, "optimizer", "an Optimizer class in a file that can be imported")
-    if not _is_optimizer(found):
-        raise InputError(f"{argument('optimizer')}: {name!r} is {found!r}; allowed: a subclass of Optimizer")
-    kind: type[Optimizer] = found
-    return kind
+    if not _is_optimizer(kind):
+        raise InputError(f"{argument('optimizer')}: {label} is {kind!r}; allowed: a subclass of Optimizer")
+    custom: type[Optimizer] = kind
+    return custom(space, seed)
 
 
 def _is_optimizer(value: object) -> bool:

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from hexctl.cli.commands import COMMANDS
 from hexctl.cli.console import print_result
 from hexctl.cli.settings import is_option, runs_folder
 from hexctl.cli.shared_options import JsonOption
@@ -21,7 +22,7 @@ def doctor(context: typer.Context, as_json: JsonOption = False) -> None:
     from hexctl.doctor.checkup import doctor as look
 
     root = context.find_root().command
-    checkup = look(runs_folder(), is_option=lambda variable: is_option(root, variable))
+    checkup = look(runs_folder(), is_option=lambda variable: is_option(root, variable), commands=COMMANDS)
     if as_json:
         print_result(checkup.to_dict())
         return
@@ -58,6 +59,7 @@ def _rows(checkup: "Checkup") -> list[tuple[str, str]]:
         ("variables", ", ".join(f"{name}={value}" for name, value in checkup.variables.items()) or "none"),
         ("settings", _settings(checkup)),
         *([("unknown variables", ", ".join(unknown))] if (unknown := checkup.settings.unknown) else []),
+        ("plug-ins", _plugins(checkup)),
         ("packages", versions),
         ("extras missing", ", ".join(missing) or "none"),
     ]
@@ -78,6 +80,14 @@ def _settings(checkup: "Checkup") -> str:
     for one in checkup.settings.values:
         by_origin.setdefault(one.origin, []).append(f"{one.key} = {one.value}")
     return "; ".join(f"{origin}: {', '.join(said)}" for origin, said in by_origin.items()) or NO_SETTINGS
+
+
+def _plugins(checkup: "Checkup") -> str:
+    texts = [
+        f"{one.group} {one.name} of {one.distribution} {one.version} {one.error or 'loads'}"
+        for one in checkup.plugins
+    ]
+    return "; ".join(texts) or "none"
 
 
 def _devices(devices: "tuple[Device, ...]") -> str:

@@ -233,5 +233,5 @@ POLICIES: dict[str, type[RecoveryPolicy]] = {
 
 
 def make_policy(name: str) -> RecoveryPolicy:
-    """Policy of a name in `POLICIES` or `package.module:Class`; raises InputError for anything else."""
-    return made_of(name, POLICIES, RecoveryPolicy, "policy")  # type: ignore[type-abstract]
+    """Policy of a name in `POLICIES`, a plug-in's, or `package.module:Class`; raises InputError otherwise."""
+    return made_of(name, POLICIES, RecoveryPolicy, "policy", "recoveries")  # type: ignore[type-abstract]

@@ -1,0 +1,61 @@
+"""Plug-ins of installed distributions, and whether each of them loads."""
+
+from collections.abc import Callable, Container
+from dataclasses import dataclass
+from typing import Any
+
+from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.optimizers.shipped import NAMES
+from hexctl.backends.base import LegServos
+from hexctl.backends.registry import BACKENDS
+from hexctl.control.monitor.recovery import POLICIES, RecoveryPolicy
+from hexctl.doctor.settings_check import without_home
+from hexctl.errors import HexctlError
+from hexctl.robot.plugins import Door, Plugin, find_plugin, plugins
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PluginFound:
+    """One plug-in: group and name of its entry point, its distribution, and the error if it does not load."""
+
+    group: str
+    name: str
+    distribution: str
+    version: str
+    error: str | None
+
+
+def read_plugins(commands: Container[str] = ()) -> tuple[PluginFound, ...]:
+    """All plug-ins, each imported; `commands` are names that no plug-in of another distribution can use."""
+    doors: dict[Door, tuple[Container[str], Any]] = {
+        "servos": (BACKENDS, LegServos),
+        "families": ((), object),
+        "optimizers": (NAMES, Optimizer),
+        "recoveries": (POLICIES, RecoveryPolicy),
+        "commands": (commands, Callable),
+    }
+    return tuple(
+        PluginFound(
+            group=plugin.entry.group,
+            name=plugin.entry.name,
+            distribution=plugin.distribution.partition(" ")[0],
+            version=plugin.distribution.partition(" ")[2],
+            error=_problem(plugin, taken, kind),
+        )
+        for door, (taken, kind) in doors.items()
+        for plugin in plugins(door)
+    )
+
+
+def _problem(plugin: Plugin, taken: Container[str], kind: Any) -> str | None:
+    if plugin.entry.name in taken and not plugin.is_own:
+        return f"hexctl has a {plugin.entry.name}, too, which is used; rename the entry point"
+    try:
+        find_plugin(plugin.door, plugin.entry.name)
+        found = plugin.load()
+    except HexctlError as error:
+        return without_home(str(error))
+    is_class = isinstance(found, type) and kind is not Callable
+    fits = issubclass(found, kind) if is_class else isinstance(found, kind)
+    factory = plugin.door == "servos" and not is_class and callable(found)
+    return None if fits or factory else f"{plugin} is no {kind.__name__}"

@@ -1,0 +1,138 @@
+"""Plug-ins: found by their metadata, imported when they are used, and refused with their distribution."""
+
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
+from hexctl.adapt.space import GaitSpace
+from hexctl.backends.registry import BackendOptions, make_servos
+from hexctl.cli import completion
+from hexctl.control.monitor.recovery import WalkOn, make_policy
+from hexctl.doctor.plugin_check import read_plugins
+from hexctl.errors import InputError, MissingExtraError
+from hexctl.robot.loader import load_robot
+from hexctl.robot.plugins import plugin_names, plugins
+from tests.cli.conftest import Call
+
+Install = Callable[..., None]
+
+MODULE = """
+from hexctl.adapt.optimizers.baselines import RandomSearch
+from hexctl.backends.mock import MockServos
+from hexctl.control.monitor.recovery import WalkOn
+
+class Search(RandomSearch):
+    name = "outside"
+
+class Servos(MockServos):
+    pass
+
+class Recovery(WalkOn):
+    pass
+
+def greet(name: str = "you") -> None:
+    \"\"\"Greet.
+
+    Args:
+        name: somebody.
+    \"\"\"
+    print(f"hello {name}")
+"""
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
+    """Installs a distribution with entry points, as pip does, for one test."""
+    monkeypatch.syspath_prepend(tmp_path)
+    loaded = {*sys.modules}
+
+    def installed(name: str = "outside", *, module: str = MODULE, **doors: str) -> None:
+        """Each door's line of `entry_points.txt`; the module is named as the distribution."""
+        info = tmp_path / f"{name}-1.2.dist-info"
+        info.mkdir()
+        (tmp_path / f"{name}.py").write_text(module)
+        (info / "METADATA").write_text(
+            f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.2\nSummary: Words.\n"
+        )
+        lines = [f"[hexctl.{door}]\n{line}\n" for door, line in doors.items()]
+        (info / "entry_points.txt").write_text("\n".join(lines))
+        plugins.cache_clear()
+
+    yield installed
+    plugins.cache_clear()
+    for found in {*sys.modules} - loaded:
+        if found.startswith(("outside", "other")):
+            del sys.modules[found]
+
+
+def test_each_door_takes_a_plugin_by_its_name(install: Install) -> None:
+    install(
+        servos="out = outside:Servos", optimizers="out = outside:Search", recoveries="on = outside:Recovery"
+    )
+    assert completion.optimizers("ou") == ["out"]
+    assert completion.backends("ou") == ["out"]
+    assert "outside" not in sys.modules, "the Tab key imports no plug-in"
+    assert isinstance(make_optimizer("out", GaitSpace((5,)), 0), Optimizer)
+    assert type(make_servos("out", BackendOptions(robot=load_robot("ant")))).__name__ == "Servos"
+    assert isinstance(make_policy("on"), WalkOn)
+    found = [one for one in read_plugins() if one.distribution == "outside"]
+    assert [(one.name, one.error) for one in found] == [("out", None), ("out", None), ("on", None)]
+
+
+@pytest.mark.parametrize(
+    ("module", "line", "error"),
+    [
+        ("import no_such_module_here\n", "out = outside:Search", InputError),
+        ("1 / 0\n", "out = outside:Search", InputError),
+        ("raise SystemExit\n", "out = outside:Search", InputError),
+        (MODULE, "out = outside:Missing", InputError),
+        (MODULE, "out = outside:Servos", InputError),
+        (MODULE, "out = outside", InputError),
+        ("raise ModuleNotFoundError(name='rerun')\n", "out = outside:Search", MissingExtraError),
+    ],
+)
+def test_a_plugin_that_does_not_fit_is_refused_with_its_distribution(
+    module: str, line: str, error: type[Exception], install: Install
+) -> None:
+    install(module=module, optimizers=line)
+    with pytest.raises(error, match=r"outside 1\.2" if error is InputError else r"\[view\]"):
+        make_optimizer("out", GaitSpace((5,)), 0)
+    (found,) = [one for one in read_plugins() if one.name == "out"]
+    assert found.error
+
+
+def test_a_name_of_two_distributions_is_refused_with_both(install: Install) -> None:
+    install("outside", optimizers="out = outside:Search")
+    install("other", optimizers="out = other:Search")
+    with pytest.raises(InputError, match=r"outside 1\.2.*|other 1\.2") as caught:
+        make_optimizer("out", GaitSpace((5,)), 0)
+    assert all(name in str(caught.value) for name in ("outside 1.2", "other 1.2", "optimizer"))
+    assert all(one.error for one in read_plugins() if one.name == "out")
+
+
+def test_a_shipped_name_stays_hexctls(install: Install) -> None:
+    install(
+        servos="mock = outside:Servos", optimizers="pso = outside:Search", commands="estop = outside:greet"
+    )
+    assert make_optimizer("pso", GaitSpace((5,)), 0).name == "pso"
+    assert [one.name for one in read_plugins(["estop"]) if one.error] == ["mock", "pso", "estop"]
+
+
+def test_a_command_of_a_plugin_is_listed_unimported_and_runs(install: Install, call: Call) -> None:
+    install(commands="greet = outside:greet")
+    assert "greet" in plugin_names("commands")
+    listed = call("--help").out
+    assert "greet" in listed
+    assert "Words (outside 1.2)." in listed
+    assert "outside" not in sys.modules
+    assert "--name" in call("greet --help").out
+    assert call("greet --name Ant").out == "hello Ant\n"
+
+
+def test_a_command_that_is_no_function_is_refused(install: Install, call: Call) -> None:
+    install(commands="greet = outside:MODULE_NAME", module="MODULE_NAME = 'outside'\n")
+    assert "outside 1.2" in call("greet", code=2).refusal
