@@ -43,7 +43,7 @@ def batch_rows(scale: Scale) -> Iterator[Row]:
     """Physics steps per second of a batch of trials over bare mj_step on as many threads."""
     plans = recovery_plans(FAILED_LEG, scale.codes, scale.batch_walk_s, "rear")
     yield from _held_rows(plans, scale)
-    work = BatchWork([SimTrial(robot=ant(), plan=plan, failure=plan.belief) for plan in plans])
+    work = BatchWork([SimTrial(robot=ant(), plan=plan, failures=plan.failures) for plan in plans])
     pairs = alternate(work.ours, work.bare, scale.rounds)
     walks = [(bare.walk_s, ours.walk_s) for ours, bare in pairs]
     what = f"{scale.codes} walks of {scale.batch_walk_s:g} s on {THREADS} threads"
@@ -53,7 +53,9 @@ def batch_rows(scale: Scale) -> Iterator[Row]:
 
 def _held_rows(plans: list[TrialPlan], scale: Scale) -> Iterator[Row]:
     """The walks of a batch that hold their line."""
-    trials = [SimTrial(robot=ant(), plan=replace(plan, hold="line"), failure=plan.belief) for plan in plans]
+    trials = [
+        SimTrial(robot=ant(), plan=replace(plan, hold="line"), failures=plan.failures) for plan in plans
+    ]
     work = BatchWork(trials)
     pairs = alternate(work.ours, work.bare, scale.rounds)
     walks = [(bare.walk_s, ours.walk_s) for ours, bare in pairs]

@@ -54,7 +54,7 @@ def evaluated(shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Duty factors, (n, 6), and scores, (n,), of shapes (n, 6, 4)."""
     robot, walks = load_robot(ROBOT), list[CountedWalk]()
     plan = TrialPlan(gait=make_gait(robot, "tripod"), duration_s=TRIAL_S, self_rotation="none", hold="line")
-    trials = [SimTrial(robot=robot, plan=replace(plan), failure=None, world=WORLD) for _ in shapes]
+    trials = [SimTrial(robot=robot, plan=replace(plan), failures=None, world=WORLD) for _ in shapes]
 
     def make(start: WalkStart) -> CountedWalk:
         walks.append(CountedWalk(start, hold="line", told_s=np.zeros(len(start.plans)), shapes=shapes))

@@ -105,7 +105,7 @@ def walks_of(batch: Batch) -> list[LearningWalk]:
     walks: list[LearningWalk] = []
     for number, world in enumerate(family.members(batch.first, batch.worlds), batch.first):
         random = np.random.default_rng([number, stream])
-        place = partial(SimTrial, robot=robot, failure=None, world=_world(batch, world, random), seed=number)
+        place = partial(SimTrial, robot=robot, failures=None, world=_world(batch, world, random), seed=number)
         if batch.at_s is None:
             walks += [LearningWalk(trial=place(plan=_healthy(robot, kind, random))) for kind in HEALTHY]
             continue

@@ -45,7 +45,7 @@ def healthy_walks(robot: Robot, family: str, first: int, worlds: int) -> list[tu
     walks: list[tuple[Kind, TrialResult]] = []
     for kind in KINDS:
         trials = [
-            SimTrial(robot=robot, plan=plan, failure=None, world=with_sensors(world), seed=number)
+            SimTrial(robot=robot, plan=plan, failures=None, world=with_sensors(world), seed=number)
             for number, world in members
             for plan in _plans(robot, kind, np.random.default_rng([number, KINDS.index(kind)]))
         ]

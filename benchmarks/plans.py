@@ -31,7 +31,7 @@ def recovery_plans(leg: int, codes: int, walk_s: float, self_rotation: SelfRotat
     return [
         TrialPlan(
             gait=default_gait(slots_from_code(code, (leg,))),
-            belief=Failure(leg=leg),
+            failures=(Failure(leg=leg),),
             duration_s=walk_s,
             self_rotation=self_rotation,
         )

@@ -196,7 +196,7 @@ def open_loop_walks() -> list[tuple[float, float]]:
     """Share of the commanded way and turn in degrees of open-loop tripods of lukas, 30 s in each world."""
     robot = load_robot("lukas")
     plan = TrialPlan(gait=make_gait(robot, "tripod"), duration_s=30.0, hold="none", self_rotation="none")
-    trials = [SimTrial(robot=robot, plan=plan, failure=None, world=world) for world in lukas_worlds()]
+    trials = [SimTrial(robot=robot, plan=plan, failures=None, world=world) for world in lukas_worlds()]
     return [
         ((one.distance_m or 0.0) / one.ideal_distance_m, float(np.degrees(one.yaw_change_rad or 0.0)))
         for one in run_sim_trials(trials)

@@ -93,13 +93,13 @@ class OpenLoop:
             trim = self.search.trim(code)
         self.codes.append(code)
         gait = replace(make_gait(load_robot("ant"), "demo"), slots=self.search.space.slots_of(code))
-        plan = TrialPlan(gait=gait, belief=Failure(leg=self.leg))
+        plan = TrialPlan(gait=gait, failures=(Failure(leg=self.leg),))
         if trim is not None:
             plan = replace(plan, trim_rad=trim.course_rad, turn_trim_rad_s=trim.turn_rad_s)
         return SimTrial(
             robot="ant",
             plan=plan,
-            failure=plan.belief,
+            failures=plan.failures,
             world=self.world,
             seed=self.number,
             trial=len(self.codes),
@@ -147,9 +147,9 @@ def walk_open_loop(
     for number, member in enumerate(members, first):
         leg = 1 + number % N_LEGS
         noise = member.sensor_noise.model_copy(update={"position_m": POSITION_NOISE_M})
-        plan = TrialPlan(gait=make_gait(robot, "demo"), belief=Failure(leg=leg))
+        plan = TrialPlan(gait=make_gait(robot, "demo"), failures=(Failure(leg=leg),))
         heading_rad, space = body_heading_rad(robot, plan), GaitSpace((leg,))
-        ranked = slots_by_stability(robot, heading_rad=heading_rad, failure=plan.belief)
+        ranked = slots_by_stability(robot, heading_rad=heading_rad, failure=plan.failures)
         known = knowledge(member, number, leg)
         search = OPEN_LOOP[name](known, [space.code_of(slots) for slots in ranked])
         world = member.model_copy(update={"sensor_noise": noise, "time_step_s": CONFIRM_STEP_S})
@@ -187,7 +187,7 @@ def walk_fast(robot: str, family: str, first: int, worlds: int, *, fast: bool) -
             spec = RunSpec(gait="auto", failure=(failure,), fast=fast, duration_s=FAST_S)
             plan = plan_of(spec, load_robot(robot))
             world = f"{family}:{number}"
-            trials.append(SimTrial(robot=robot, plan=plan, failure=failure, world=world, seed=number))
+            trials.append(SimTrial(robot=robot, plan=plan, failures=failure, world=world, seed=number))
     return run_sim_trials(trials)
 
 

@@ -159,7 +159,7 @@ def held_walk(
     conditions = HoldPlace(
         robot=robot, family="transfer", number=number, kind="even", world=world, duration_s=duration_s
     )
-    simulated = SimServos(robot, world=world, failure=case.leg_failure, seed=number)
+    simulated = SimServos(robot, world=world, failures=case.leg_failure, seed=number)
     servos = SeenServos(simulated, seed=number) if seen else simulated
     with Guard(servos) as guard:
         result = run_trial(guard, conditions.trial(case).plan)

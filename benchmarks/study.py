@@ -25,7 +25,7 @@ def study_rows(scale: Scale) -> Iterator[Row]:
     """Yield the wall time of `hexctl study` over its bare physics."""
     legs = N_LEGS if scale.codes == N_CODES else 1
     plans = recovery_plans(LEG, N_CODES, scale.walk_s, "rear")
-    work = BatchWork([SimTrial(robot=ant(), plan=plan, failure=plan.belief) for plan in plans])
+    work = BatchWork([SimTrial(robot=ant(), plan=plan, failures=plan.failures) for plan in plans])
     bare_s = [work.bare().whole_s]
     wall_s = _run_study(legs, scale)
     bare_s.append(work.bare().whole_s)

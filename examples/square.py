@@ -67,15 +67,19 @@ def walk_square(failure: Failure | None, *, robot_name: str = "ant", world: Worl
     robot = load_robot(robot_name)
     plan = TrialPlan(
         gait=make_gait(robot, "demo"),
-        belief=failure,
+        failures=() if failure is None else (failure,),
         self_rotation="none",
         hold="line",
         duration_s=120.0,
     )
     plan = TrialPlan(
-        gait=auto_gait(robot, plan), belief=failure, self_rotation="none", hold="line", duration_s=120.0
+        gait=auto_gait(robot, plan),
+        failures=() if failure is None else (failure,),
+        self_rotation="none",
+        hold="line",
+        duration_s=120.0,
     )
-    with Guard(SimServos(robot, world=world, failure=failure)) as guard:
+    with Guard(SimServos(robot, world=world, failures=failure)) as guard:
         run_trial(guard, plan, Square)
         position = guard.read().base_position_world
     assert position is not None

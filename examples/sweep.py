@@ -13,7 +13,7 @@ trials = [
     hexctl.SimTrial(
         robot=robot,
         plan=hexctl.TrialPlan(gait=hexctl.make_gait(robot, gait), duration_s=8),
-        failure=None,
+        failures=None,
         world=hexctl.World(slope_deg=slope_deg, slope_direction_deg=90),  # uphill to the left
     )
     for gait, slope_deg in product(gaits, slopes_deg)

@@ -52,7 +52,7 @@ def driven(
     told: bool = True,
 ) -> Driven:
     """A robot that stood up and was then driven by commands; untold of a failure it walks on as if whole."""
-    servos = SimServos(robot, world=world, failure=failure)
+    servos = SimServos(robot, world=world, failures=failure)
     rows = []
     policy = None if told else "walk-on"
     with Drive(servos=servos, gait=gait, failure=failure, told=told, policy=policy) as drive:

@@ -120,15 +120,15 @@ WRONG: tuple[tuple[str, Callable[[], Any]], ...] = (
     ("gait", lambda: api.TrialPlan(gait="tripod")),
     ("robot", lambda: api.SimServos(5)),
     ("world", lambda: api.SimServos("ant", world=5)),
-    ("failure", lambda: api.SimServos("ant", failure=5)),
+    ("failures", lambda: api.SimServos("ant", failures=5)),
     ("servos", lambda: api.Guard("ant")),
     ("servos", lambda: api.run_trial("ant", PLAN)),
     ("plan", lambda: api.run_trial(MockServos("ant"), GAIT)),
     ("controller", lambda: api.run_trial(MockServos("ant"), PLAN, 5)),
     ("recorders", lambda: api.run_trial(MockServos("ant"), PLAN, None, [5])),
     ("recorders", lambda: api.run_trial(MockServos("ant"), PLAN, None, TickLog())),
-    ("robot", lambda: api.SimTrial(robot=5, plan=PLAN, failure=None)),
-    ("trial.plan", lambda: api.SimTrial(robot=ROBOT, plan=GAIT, failure=None)),
+    ("robot", lambda: api.SimTrial(robot=5, plan=PLAN, failures=None)),
+    ("trial.plan", lambda: api.SimTrial(robot=ROBOT, plan=GAIT, failures=None)),
     ("trials", lambda: api.run_sim_trials([PLAN])),
     ("failed legs", lambda: api.GaitSpace(5)),
     ("optimizer", lambda: api.make_optimizer(5, api.GaitSpace((5,)), 0)),
@@ -154,7 +154,7 @@ def test_a_wrong_type_is_refused_by_name(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_what_is_unambiguous_is_accepted() -> None:
-    trial = hexctl.SimTrial(robot="ant", world="slippery", plan=PLAN, failure=None)
+    trial = hexctl.SimTrial(robot="ant", world="slippery", plan=PLAN, failures=None)
     assert trial.robot == ROBOT
     assert trial.world == hexctl.load_world("slippery")
     assert replace(trial, seed=3).world == trial.world

@@ -14,7 +14,7 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import NAMED_SLOTS, Gait, make_gait
-from hexctl.robot.failure import Failure, FailureEvent
+from hexctl.robot.failure import Failure, FailureEvent, each_failure
 from hexctl.robot.model import Robot
 from tests.robots import shipped
 
@@ -49,10 +49,12 @@ def walk(
 ) -> Outcome:
     """Run a trial in the simulation; `plan` holds more of a `TrialPlan`."""
     robot = robot or shipped()
-    with SimServos(robot, world=world, failure=failure, seed=seed) as servos:
+    with SimServos(robot, world=world, failures=failure, seed=seed) as servos:
         guard, log = Guard(servos), TickLog()
         result = run_trial(
-            guard, TrialPlan(gait=gait_of(robot, gait), belief=failure, **plan), recorders=(log,)
+            guard,
+            TrialPlan(gait=gait_of(robot, gait), failures=each_failure(failure), **plan),
+            recorders=(log,),
         )
     return Outcome(result, log, guard)
 
@@ -70,8 +72,8 @@ def sim_trial(
     """A simulated trial; `plan` holds more of a `TrialPlan`, which knows of the failure."""
     robot = robot or shipped()
     made = make_gait(robot, gait, failed_legs=(failure.leg,) if failure else ())
-    known = TrialPlan(gait=made, **{"belief": failure, **plan})
-    return SimTrial(robot=robot, plan=known, failure=failure, world=world, seed=seed, events=events)
+    known = TrialPlan(gait=made, **{"failures": each_failure(failure), **plan})
+    return SimTrial(robot=robot, plan=known, failures=failure, world=world, seed=seed, events=events)
 
 
 class Calling:

@@ -102,7 +102,7 @@ def _of_prior(spec: RunSpec, robot: Robot, failure: Failure, folder: Path) -> Be
         gait=replace(gait, posture=Posture(body_raise=spec.body_raise or 0.0)),
         heading_rad=spec.heading_rad or 0.0,
         duration_s=spec.duration_s,
-        belief=failure,
+        failures=(failure,),
         self_rotation=rotation,
         hold=spec.hold,
     )

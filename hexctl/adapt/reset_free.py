@@ -265,13 +265,13 @@ def connected_robot(
         yield None
         return
     options = BackendOptions.of(
-        spec, robot=setting.robot, world=None, failure=spec.broken, robot_file=setting.robot_file
+        spec, robot=setting.robot, world=None, failures=(spec.broken,), robot_file=setting.robot_file
     )
     robot = make_servos(spec.backend, options) if given is None else given
     servos = Guard(robot)
     try:
         servos.connect()
-        for text in connection_notes(robot, setting.plan.belief):
+        for text in connection_notes(robot, setting.plan.failures):
             note(text)
         yield servos
     finally:

@@ -134,7 +134,7 @@ class TrialRunner:
         # The simulated failure; the plan has the one that the controller knows.
         broken = self.spec.broken
         options = BackendOptions.of(
-            self.spec, robot=setting.robot, world=setting.world, failure=broken, trial=request.index
+            self.spec, robot=setting.robot, world=setting.world, failures=(broken,), trial=request.index
         )
         with Guard(make_servos(self.spec.backend, options)) as servos:
             return self.walk_on(servos, plan, request, stop_when(request.should_stop))

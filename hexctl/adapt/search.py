@@ -213,7 +213,7 @@ def _for_trim(spec: SessionSpec) -> SessionSpec:
 
 def _check_options(spec: SessionSpec, objective: Objective) -> None:
     make_policy(spec.policy)
-    linked = option_values(spec, but=("robot", "world", "failure", "seed"))
+    linked = option_values(spec, but=("robot", "world", "failures", "seed"))
     if ":" not in spec.backend or any(linked.values()):
         check_options(spec.backend, **linked)
     refuse(_of_optimizer(spec))

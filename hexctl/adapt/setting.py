@@ -89,7 +89,7 @@ def load_setting(spec: SessionSpec) -> Setting:
         gait=replace(make_gait(robot, "demo"), posture=Posture(body_raise=spec.body_raise)),
         heading_rad=spec.heading_rad,
         duration_s=spec.duration_s,
-        belief=spec.broken,
+        failures=(spec.broken,),
         self_rotation=spec.self_rotation,
         hold=spec.hold,
     )

@@ -18,7 +18,6 @@ from hexctl.control.log import TickLog
 from hexctl.control.preparation import prepare, ticks_of
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
-from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
 from hexctl.waiting import StopRequested, never
@@ -49,7 +48,7 @@ def with_stance(
     if not isinstance(setting.prior, Prior) or setting.prior.sag_rad is None:
         return spec
     if servos is None:
-        sag_rad = simulated_deflection_rad(setting.robot, setting.world, setting.plan, spec.seed, spec.broken)
+        sag_rad = simulated_deflection_rad(setting.robot, setting.world, setting.plan, spec.seed)
     else:
         sag_rad = stance_deflection_rad(servos, setting.plan, stop_requested)
     if sag_rad is None:
@@ -110,10 +109,10 @@ def _behind_rad(sags_rad: FloatArray) -> FloatArray | None:
 
 
 def simulated_deflection_rad(
-    robot: Robot, world: World | None, plan: TrialPlan, seed: int, failure: Failure | None
+    robot: Robot, world: World | None, plan: TrialPlan, seed: int
 ) -> FloatArray | None:
     """Static deflection in a separate simulation, with the noise of trial 0; None if the robot falls."""
-    options = BackendOptions(robot=robot, world=world, failure=failure, seed=seed)
+    options = BackendOptions(robot=robot, world=world, failures=plan.failures, seed=seed)
     try:
         with Guard(make_servos("sim", options)) as servos:
             return stance_deflection_rad(servos, plan)

@@ -39,8 +39,7 @@ class BackendOptions:
 
     robot: Robot
     world: "World | None" = None
-    failure: Failure | None = None
-    further_failures: tuple[Failure, ...] = ()
+    failures: tuple[Failure, ...] = ()
     events: tuple[FailureEvent, ...] = ()
     seed: int = 0
     trial: int = 0
@@ -53,8 +52,8 @@ class BackendOptions:
 
     @classmethod
     def of(cls, spec: object, *, robot: Robot, **others: Any) -> Self:
-        """Options from the spec's fields of the same names, except failures; `others` override them."""
-        values = {**option_values(spec, but=("failure", "further_failures")), "robot": robot, **others}
+        """Options from the spec's attributes of the same names; `others` override them."""
+        values = {**option_values(spec), "robot": robot, **others}
         if values.get("credentials") is not None:
             values["credentials"] = Path(values["credentials"])
         return cls(**values)
@@ -242,9 +241,7 @@ def _arguments(own: Any) -> frozenset[str]:
 
 
 BACKENDS: dict[str, Backend] = {
-    "sim": Backend(
-        _sim, frozenset({"world", "failure", "further_failures", "events", "seed", "trial", "realtime"})
-    ),
+    "sim": Backend(_sim, frozenset({"world", "failures", "events", "seed", "trial", "realtime"})),
     "zenoh": Backend(_zenoh, frozenset({"connect", "credentials", "insecure", "link"})),
     "mavlink": Backend(_mavlink, frozenset({"connect", "credentials", "insecure"})),
     **{driver: Backend(partial(_bus, driver=driver), frozenset({"connect"})) for driver in BUS_DRIVERS},

@@ -80,7 +80,7 @@ def check_backend_options(options: RobotOptions, *, but: tuple[str, ...] = ()) -
     from hexctl.backends.registry import check_options, option_values
 
     # The controller learns of the failure, too.
-    check_options(options.backend, **option_values(options, but=("robot", "failure", *but)))
+    check_options(options.backend, **option_values(options, but=("robot", "failures", *but)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

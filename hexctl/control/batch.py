@@ -49,7 +49,7 @@ from hexctl.errors import (
     check_callable,
     check_type,
 )
-from hexctl.robot.failure import Failure, FailureEvent, NoticedFailure, check_further
+from hexctl.robot.failure import Failure, FailureEvent, Failures, NoticedFailure, checked_failures
 from hexctl.robot.model import Robot
 from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState, as_joint_angles
 
@@ -65,21 +65,19 @@ class SimTrial:
 
     Attributes:
         plan: what the robot does, and the failures its controller knows.
-        failure: the leg that the simulation breaks, or None.
+        failures: what the simulation breaks, by leg; given as one failure, several or None.
         facing_rad: yaw in which the robot is put down; the plan's heading counts from there.
         events: failures that come during the walk, and legs that heal.
-        further_failures: other legs that the simulation breaks.
         trial: number of the trial in its world; sensor noise differs between trials.
     """
 
     robot: Robot
     plan: TrialPlan
-    failure: Failure | None
+    failures: tuple[Failure, ...]
     world: World
     seed: int
     facing_rad: float
     events: tuple[FailureEvent, ...]
-    further_failures: tuple[Failure, ...]
     trial: int
 
     def __init__(
@@ -87,22 +85,20 @@ class SimTrial:
         *,
         robot: Robot | str | Path,
         plan: TrialPlan,
-        failure: Failure | None,
+        failures: Failures,
         world: World | str | Path | None = None,
         seed: int = 0,
         facing_rad: float = 0.0,
         events: Sequence[FailureEvent] = (),
-        further_failures: Sequence[Failure] = (),
         trial: int = 0,
     ) -> None:
         check_type(plan, TrialPlan, "trial.plan", "a TrialPlan")
-        check_type(failure, (Failure, type(None)), "trial.failure", "a Failure, as Failure(leg=5), or None")
-        check_further(failure, further_failures, "trial.further_failures")
+        broken = checked_failures(failures, "trial.failures")
         check_type(seed, int, "trial.seed")
         check_type(facing_rad, float, "trial.facing_rad")
         values = (
-            *(as_robot(robot), plan, failure, as_world(world), seed, facing_rad, tuple(events)),
-            *(tuple(further_failures), trial),
+            *(as_robot(robot), plan, broken, as_world(world), seed, facing_rad, tuple(events)),
+            trial,
         )
         for place, value in zip(fields(self), values, strict=True):
             object.__setattr__(self, place.name, value)
@@ -112,11 +108,10 @@ class SimTrial:
         return SimServos(
             self.robot,
             world=self.world,
-            failure=self.failure,
+            failures=self.failures,
             seed=self.seed,
             facing_rad=self.facing_rad,
             events=self.events,
-            further_failures=self.further_failures,
             trial=self.trial,
         )
 
@@ -130,9 +125,8 @@ class SimTrial:
         """Key of trials that walk from one state, with one kind of walk."""
         plan = self.plan
         start = (self.facing_rad, plan.heading_rad, plan.self_rotation, plan.turn_rad, plan.settle_s)
-        told = (plan.belief, plan.further_failures)
-        broken = (self.failure, self.further_failures, self.events)
-        return (self.world, self.seed, self.trial, *broken, *told, start, *self.shared_walk())
+        failures = (self.failures, self.events, plan.failures)
+        return (self.world, self.seed, self.trial, *failures, start, *self.shared_walk())
 
     def shared_walk(self) -> tuple[object, ...]:
         """Key of trials that one controller can lead."""
@@ -161,7 +155,7 @@ def run_sim_trials(
 
         robot = hexctl.load_robot("ant")
         plan = hexctl.TrialPlan(gait=hexctl.make_gait(robot, "wave"), duration_s=2)
-        trials = [hexctl.SimTrial(robot=robot, plan=plan, failure=None, world=w) for w in ("flat", "slope")]
+        trials = [hexctl.SimTrial(robot=robot, plan=plan, failures=None, world=w) for w in ("flat", "slope")]
         print(hexctl.run_sim_trials(trials))
 
     Trials that begin alike (robot, world, seed, failure, heading, turn) settle, turn and walk together.

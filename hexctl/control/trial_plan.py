@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Final, Literal, get_args
 from hexctl.errors import InputError, argument, check_type
 from hexctl.gait.gait import FINITE, PACE_HZ, STEP, TRAVEL, Gait, Motion
 from hexctl.options import RARE, Range, Typed, check_fields
-from hexctl.robot.failure import UNKNOWN, Failure, check_further, each_failure
+from hexctl.robot.failure import UNKNOWN, Failure, checked_failures
 
 SelfRotation = Literal["rear", "front", "none"]
 
@@ -80,8 +80,8 @@ class TrialPlan:
         travel: 1 to travel, 0 to stay on the spot.
         turn_rate_rad_s: commanded yaw rate during the walk.
         duration_s: of the walk, with the soft start, without the soft stop.
-        belief: the failure that the controller knows, or None; `locked` and `unknown` legs are held in their
-            stance pose. A simulation gets its own failures.
+        failures: those that the controller knows, by leg; `locked` and `unknown` legs stay in their stance
+            pose. A simulation gets its own failures. With more than one, only `turn_rad` turns.
         self_rotation: where the failed leg points during the walk: `rear`, `front` or `none` (as it is).
         turn_rad: turn before the walk, instead of `self_rotation`; None to follow it.
         settle_s: time to reach the stance and come to rest; up to 1.5 s longer if the yaw is noisy.
@@ -91,7 +91,6 @@ class TrialPlan:
             with a `turn_trim_rad_s`, in open loop.
         turn_trim_rad_s: in open loop, a counter-clockwise turn that removes the curve of earlier walks; None
             for a walk without a trim.
-        further_failures: of other legs that the controller knows, by leg; only `turn_rad` turns then.
         level: whether the body is kept level by its measured roll and pitch.
         feet: one of `FEET`; `adaptive` ones search for the ground, with foot contacts.
     """
@@ -101,7 +100,7 @@ class TrialPlan:
     travel: Annotated[float, TRAVEL] = 1.0
     turn_rate_rad_s: Annotated[float, FINITE] = 0.0
     duration_s: Annotated[float, DURATION_S] = 30.0
-    belief: Failure | None = None
+    failures: tuple[Failure, ...] = ()
     self_rotation: SelfRotation = "rear"
     turn_rad: Annotated[float | None, FINITE] = None
     settle_s: Annotated[float, Range(low=0, above=True, unit="s")] = 1.0
@@ -109,14 +108,12 @@ class TrialPlan:
     changes: tuple[GaitChange, ...] = ()
     trim_rad: Annotated[float, TRIM_DEG] = 0.0
     turn_trim_rad_s: Annotated[float | None, TURN_TRIM_DEG_S] = None
-    further_failures: tuple[Failure, ...] = ()
     level: bool = False
     feet: Feet = "planned"
 
     def __post_init__(self) -> None:
         check_fields(self)
-        check_further(self.belief, self.further_failures, "plan.further_failures")
-        object.__setattr__(self, "further_failures", each_failure(self.further_failures))
+        object.__setattr__(self, "failures", checked_failures(self.failures, "plan.failures"))
         if self.turn_trim_rad_s is not None and (self.hold != "none" or not self.straight):
             turned = "" if self.straight else " and a walk that is not straight"
             raise InputError(
@@ -155,11 +152,6 @@ class TrialPlan:
     def straight(self) -> bool:
         """Whether the walk is along a line."""
         return self.travel > 0 and self.turn_rate_rad_s == 0
-
-    @property
-    def failures(self) -> tuple[Failure, ...]:
-        """All failures that the controller knows, by leg."""
-        return each_failure((*each_failure(self.belief), *self.further_failures))
 
     @property
     def failed_legs(self) -> tuple[int, ...]:

@@ -195,7 +195,7 @@ class IdentificationRun(Run):
             spec = replace(spec, world=world)
         plain = {"hold": "none", "self_rotation": "none", "duration_s": 120.0, "gait": "demo"}
         super().__init__(replace(spec, **plain), controller=self._make_motions)  # type: ignore[arg-type]
-        self.plan = replace(self.plan, belief=None, further_failures=(), travel=0.0)
+        self.plan = replace(self.plan, failures=(), travel=0.0)
 
     @property
     def _walk_text(self) -> str:

@@ -12,6 +12,7 @@ from hexctl.control.trial_result import TrialResult
 from hexctl.gait.gait import SWING_SHARE, Gait
 from hexctl.gait.posture import STANCE, Posture
 from hexctl.recording.scene import Subject
+from hexctl.robot.failure import failures_json
 from hexctl.robot.model import Robot
 
 Row = tuple[str, str]
@@ -40,6 +41,7 @@ def make_properties(
     """Title, plan, result and facts as named plain values, without None."""
     plan, gait = subject.plan, subject.plan.gait
     task = plan.in_words(subject.robot.gait.pace_hz) if result.controller is None else None
+    failures = failures_json(plan.failures)
     values = {
         "title": title,
         "task": task,
@@ -54,9 +56,8 @@ def make_properties(
         "amplitude": gait.amplitude,
         "height": gait.height,
         "heading_deg": math.degrees(plan.heading_rad),
-        "failed_leg": plan.belief.leg if plan.belief else None,
-        "failure": str(plan.belief) if plan.belief else None,
-        "further_failures": {str(one.leg): str(one) for one in plan.further_failures} or None,
+        **failures,
+        "further_failures": failures["further_failures"] or None,
         "self_rotation": plan.self_rotation,
         "stability": stability,
     }
@@ -102,10 +103,10 @@ def _slots_in_words(gait: Gait, failed_legs: tuple[int, ...]) -> str:
 
 def _plan_rows(robot: Robot, plan: TrialPlan, controller: str | None) -> Iterator[Row]:
     gait = plan.gait
-    if plan.further_failures:
+    if len(plan.failures) > 1:
         yield "failed legs", ", ".join(f"{one.leg} ({one})" for one in plan.failures)
-    elif plan.belief:
-        yield "failed leg", f"{plan.belief.leg} ({plan.belief}), turned to: {plan.self_rotation}"
+    for failure in plan.failures if len(plan.failures) == 1 else ():
+        yield "failed leg", f"{failure.leg} ({failure}), turned to: {plan.self_rotation}"
     yield "robot", robot.name
     if controller is not None:
         yield "controller", controller

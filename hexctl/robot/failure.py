@@ -232,15 +232,27 @@ def each_failure(failures: Failures) -> tuple[Failure, ...]:
     return tuple(sorted(failures, key=lambda one: one.leg))
 
 
-def check_further(failure: Failure | None, further: Sequence[Failure], what: str) -> None:
-    """Raise InputError for further failures without a first, of a leg twice, or of more than 3 legs."""
-    check_type(further, (tuple, list), what, "Failures, as (Failure(leg=5),)")
-    for one in further:
-        check_type(one, Failure, what, "Failures, as (Failure(leg=5),)")
-    legs = [one.leg for one in (*each_failure(failure), *further)]
-    _require(not further or failure is not None, what, "some without a first", "with the failure of a leg")
-    _require(len(set(legs)) == len(legs), what, f"legs {_and(legs)}", "each leg once")
+def checked_failures(failures: Failures, what: str) -> tuple[Failure, ...]:
+    """One failure, several or none, by leg; raises InputError for a leg twice, or more than 3 legs."""
+    allowed = "a Failure, as Failure(leg=5), several, or None"
+    check_type(failures, (Failure, tuple, list, type(None)), what, allowed)
+    for one in () if failures is None or isinstance(failures, Failure) else failures:
+        check_type(one, Failure, what, allowed)
+    by_leg = each_failure(failures)
+    legs = [one.leg for one in by_leg]
+    _require(len(set(legs)) == len(legs), what, f"legs {', '.join(map(str, legs))}", "each leg once")
     _require(len(legs) <= MOST_FAILED, what, f"{len(legs)} legs", f"up to {MOST_FAILED}, others must walk")
+    return by_leg
+
+
+def failures_json(failures: Sequence[Failure]) -> dict[str, Any]:
+    """JSON values: the first failed leg and its failure, and those of further legs by number."""
+    first = next(iter(failures), None)
+    return {
+        "failed_leg": first and first.leg,
+        "failure": first and str(first),
+        "further_failures": {str(one.leg): str(one) for one in failures[1:]},
+    }
 
 
 def check_events(
@@ -268,10 +280,6 @@ def check_events(
             )
 
 
-def _and(values: Sequence[object]) -> str:
-    return ", ".join(map(str, values))
-
-
 def _require(holds: bool, what: str, got: object, allowed: str) -> None:
     if not holds:
         raise InputError(f"{what}: got {got}; allowed: {allowed}")
@@ -290,9 +298,9 @@ def loses_leg(kind: str) -> bool:
 WEAK_SHARES = (0.05, 0.6)
 
 
-def drawn_failure(robot: "Robot", failure: Failure | None, seed: int) -> Failure | None:
+def drawn_failure(robot: "Robot", failure: Failure, seed: int) -> Failure:
     """The failure that a simulation applies: the one given, or a random one if it is `unknown`."""
-    if failure is None or failure.kind != UNKNOWN:
+    if failure.kind != UNKNOWN:
         return failure
     # A separate stream from those of bumps, joint offsets, noise and lost commands.
     rng = np.random.default_rng([seed, 4, failure.leg])

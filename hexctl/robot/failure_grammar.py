@@ -14,8 +14,7 @@ from hexctl.robot.failure import (
     FAILURE_KINDS,
     Failure,
     FailureEvent,
-    check_further,
-    each_failure,
+    checked_failures,
 )
 from hexctl.typed_names import known_name, nearest
 from hexctl.types import JOINT_KINDS, N_LEGS
@@ -64,12 +63,8 @@ def read_failures(asked: AskedFailures, failed_legs: AskedLegs = None) -> ReadFa
                 f"{kinds[leg]}; allowed: one of the two for each leg"
             )
         failures += [] if leg in kinds else [Failure(leg=leg)]
-    check_further(
-        failures[0] if failures else None, failures[1:], argument("failure" if kinds else "failed_leg")
-    )
-    return ReadFailures(
-        each_failure(failures), tuple(value for value in values if isinstance(value, FailureEvent))
-    )
+    by_leg = checked_failures(failures, argument("failure" if kinds else "failed_leg"))
+    return ReadFailures(by_leg, tuple(value for value in values if isinstance(value, FailureEvent)))
 
 
 def _each_value(asked: AskedFailures) -> Iterable[Failure | FailureEvent]:

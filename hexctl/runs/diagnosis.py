@@ -56,7 +56,7 @@ class DiagnosisRun(Run):
         plain = {"hold": "none", "self_rotation": "none", "duration_s": duration_s + 3.0, "gait": "demo"}
         plain_spec = replace(spec, **plain)  # type: ignore[arg-type]  # as the fields are
         super().__init__(plain_spec, controller=self._make_test)
-        self.plan = replace(self.plan, belief=None, further_failures=(), travel=0.0, settle_s=SETTLE_S)
+        self.plan = replace(self.plan, failures=(), travel=0.0, settle_s=SETTLE_S)
         self._test: StandingTest | None = None
         self.diagnosis: Diagnosis | None = None
 

@@ -38,7 +38,7 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.robot.configs import shipped_text
-from hexctl.robot.failure import FailureEvent
+from hexctl.robot.failure import FailureEvent, failures_json
 from hexctl.runs.run_spec import RunSpec
 
 
@@ -60,9 +60,7 @@ def failure_values(plan: TrialPlan, events: Sequence[FailureEvent], until_s: flo
     """Failures of a plan, and those of events before a time of the walk."""
     in_order = sorted(events, key=lambda event: event.at_s)
     return {
-        "failed_leg": plan.belief.leg if plan.belief else None,
-        "failure": str(plan.belief) if plan.belief else None,
-        "further_failures": {str(one.leg): str(one) for one in plan.further_failures},
+        **failures_json(plan.failures),
         "events": [str(event) for event in in_order if event.at_s < until_s],
     }
 

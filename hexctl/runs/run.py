@@ -127,8 +127,7 @@ class Run:
             robot=self.robot,
             world=self._world,
             robot_file=self._file,
-            failure=next(iter(self.broken), None),
-            further_failures=self.broken[1:],
+            failures=self.broken,
         )
         servos = make_servos(self.spec.backend, options)
         with ExitStack() as stack:
@@ -246,7 +245,7 @@ class Run:
         end_s, rotation = self.plan.duration_s, self.spec.self_rotation
         late = [str(event) for event in self._world_events if event.at_s >= end_s]
         notes = [f"{', '.join(late)} of the world changes nothing: the end is at {end_s:g} s"] if late else []
-        if self.plan.belief is not None or rotation in (AUTO_ROTATION, "none"):
+        if self.plan.failures or rotation in (AUTO_ROTATION, "none"):
             return notes
         why = "it turns a failed leg, and six legs are good"
         return [*notes, f"--self-rotation {rotation} changes nothing: {why}"]
@@ -254,7 +253,7 @@ class Run:
     def _doubts(self) -> list[str]:
         """Warn if the robot may be unable to walk with more than one failed leg."""
         plan = self.plan
-        if not plan.further_failures or not plan.travel:
+        if len(plan.failures) < 2 or not plan.travel:
             return []
         found = leg_set(self.robot, plan.gait, plan.failed_legs, (plan.heading_rad,))
         dragged = drag(self.robot, plan.failures, plan.heading_rad)
@@ -264,8 +263,8 @@ class Run:
         """Turn the failed leg away after all if `auto` relied on a line that cannot be held."""
         spec = self.spec
         unasked = spec.self_rotation == AUTO_ROTATION and spec.hold == "auto"
-        taken = unasked and self.plan.self_rotation == "none" and not self.plan.further_failures
-        if taken and self.plan.belief is not None and not self._position_comes():
+        taken = unasked and self.plan.self_rotation == "none" and len(self.plan.failures) == 1
+        if taken and not self._position_comes():
             # The requested hold stays: the result reports why less was held.
             self.plan = replace(plan_of(replace(spec, hold="heading"), self.robot), hold=spec.hold)
             check_plan(self.robot, self.plan)

@@ -216,7 +216,7 @@ class RunSpec(RecordedOptions, WalkOptions, GroundOptions):
     def check(self) -> None:
         """Raise InputError for options that the backend would ignore, and for an impossible recording."""
         # A failure also belongs to the plan: on a real robot it informs the controller.
-        check_options(self.backend, **option_values(self, but=("robot", "failure", "events")))
+        check_options(self.backend, **option_values(self, but=("robot", "failures", "events")))
         for event in self.events:
             check_options(self.backend, names={"events": _option_of(event)}, events=str(event))
         names = ("pace_hz", "amplitude", "height", "body_raise", "stance_shift", "swing_share")
@@ -352,8 +352,7 @@ def _asked_plan(spec: RunSpec, gait: Gait) -> TrialPlan:
         travel=0.0 if in_place else 1.0,
         turn_rate_rad_s=spec.turn_rate_rad_s or 0.0,
         duration_s=spec.duration_s,
-        belief=next(iter(spec.failures), None),
-        further_failures=spec.failures[1:],
+        failures=spec.failures,
         self_rotation=rotation,
         hold=spec.hold,
         feet=spec.feet,
@@ -432,7 +431,7 @@ def _change_of(asked: str | GaitChange, robot: Robot, plan: TrialPlan, *, stand_
         raise InputError(f"{argument('then')}: got {asked}; allowed: before {plan.duration_s:g} s, the end")
     if isinstance(asked, GaitChange):
         return asked
-    if name == AUTO and plan.further_failures:
+    if name == AUTO and len(plan.failures) > 1:
         return GaitChange(gait=auto_gait(robot, plan, stand_up=stand_up), at_s=time_s)
     try:
         slots = (

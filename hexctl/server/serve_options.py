@@ -56,9 +56,8 @@ class ServedOptions(RobotOptions):
             self.world, (str, Path, NoneType), argument("world"), "the name or path of a world, or None"
         )
         check_options(self.backend, world=self.world, seed=self.seed)
-        for place, (name, value) in enumerate(map(option_of, self.failures)):
-            field = "further_failures" if place else "failure"
-            check_options(self.backend, names={field: name}, **{field: value})
+        for name, value in map(option_of, self.failures):
+            check_options(self.backend, names={"failures": name}, failures=value)
 
     @property
     def failures(self) -> tuple[Failure, ...]:
@@ -82,8 +81,6 @@ class ServedOptions(RobotOptions):
             self,
             robot=file.robot,
             world=self._loaded_world(),
-            failure=next(iter(self.failures), None),
-            further_failures=self.failures[1:],
             realtime=True,
             robot_file=file,
             connect=connect,

@@ -9,7 +9,7 @@ from hexctl.control.batch import SimTrial
 from hexctl.control.trial_plan import AUTO_ROTATION, AskedRotation, TrialPlan, suited_rotation
 from hexctl.control.trial_result import STATUSES, TrialResult
 from hexctl.gait.gait import Gait
-from hexctl.robot.failure import Failure
+from hexctl.robot.failure import Failure, each_failure
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.study.held_out import HeldOutPlace, stable_gait_of
 from hexctl.study.walk_cache import known
@@ -105,11 +105,13 @@ class HoldPlace(HeldOutPlace[HoldCase, HoldWalk]):
                 slots=(1, 2, 3, 4, 5, 6), pace_hz=gait.pace_hz, amplitude=gait.amplitude, height=gait.height
             ),
             duration_s=self.duration_s,
-            belief=case.leg_failure,
+            failures=each_failure(case.leg_failure),
             self_rotation=suited_rotation(
                 self.self_rotation, "line" if case.hold == "none" else case.hold, chosen_gait=True
             ),
             hold=case.hold,
         )
         plan = replace(plan, gait=stable_gait_of(self.robot, plan))
-        return SimTrial(robot=self.robot, plan=plan, failure=plan.belief, world=self.world, seed=self.number)
+        return SimTrial(
+            robot=self.robot, plan=plan, failures=plan.failures, world=self.world, seed=self.number
+        )

@@ -133,12 +133,14 @@ class LandscapeSpec(Place[int, GaitWalk]):
         plan = TrialPlan(
             gait=gait,
             duration_s=self.duration_s,
-            belief=self.leg_failure,
+            failures=(self.leg_failure,),
             self_rotation=self.self_rotation,
             hold=self.hold,
         )
         plan = in_posture(self.robot, plan, usual_posture(self.hold))
-        trial = SimTrial(robot=self.robot, plan=plan, failure=plan.belief, world=self.world, seed=self.seed)
+        trial = SimTrial(
+            robot=self.robot, plan=plan, failures=plan.failures, world=self.world, seed=self.seed
+        )
         return trial.put_down_turned(self.miss_rad) if self.placed else trial
 
     def settings(self) -> dict[str, Any]:

@@ -73,8 +73,8 @@ def _prior(options: StudyOptions, robot: Robot, runs: Path) -> Prior:
     if options.prior not in (None, "auto"):
         return load_prior(Path(str(options.prior)))
     check_each("legs", map(str, options.legs))
-    belief = parse_kind(options.legs[0], options.failure or TransferPlan.failure)
-    plan = TrialPlan(gait=make_gait(robot, "demo"), duration_s=options.duration_s, belief=belief)
+    failure = parse_kind(options.legs[0], options.failure or TransferPlan.failure)
+    plan = TrialPlan(gait=make_gait(robot, "demo"), duration_s=options.duration_s, failures=(failure,))
     found = find_prior(robot, plan, prior_folders(runs))
     if found.path is None:
         raise InputError(

@@ -118,7 +118,7 @@ class RepertoirePlace(HeldOutPlace[RepertoireCase, CandidateWalk]):
         return SimTrial(
             robot=self.robot,
             plan=plan,
-            failure=None,
+            failures=None,
             world=self.world,
             seed=self.number,
             events=[parse_failure_event(f"{text}@{at_s:.2f}") for text in case.failures],

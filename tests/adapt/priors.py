@@ -19,7 +19,7 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.control.trial import LOOK_TICKS
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import make_gait
-from hexctl.robot.failure import Failure
+from hexctl.robot.failure import Failure, each_failure
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, FloatArray
 from tests.adapt.walking import result_of
@@ -139,7 +139,7 @@ class MadeUpWorld:
 def plan_of(robot: Robot, **options: Any) -> TrialPlan:
     """The plan of a session's trials."""
     failure = options.pop("failure", Failure(leg=5))
-    return TrialPlan(gait=make_gait(robot, "demo"), belief=failure, **options)
+    return TrialPlan(gait=make_gait(robot, "demo"), failures=each_failure(failure), **options)
 
 
 def key_of(robot: Robot | None = None, **options: Any) -> PriorKey:

@@ -32,7 +32,7 @@ class StayingSim(LegServos):
     farthest_m = 0.0
 
     def __init__(self, robot: Robot) -> None:
-        self._sim = SimServos(robot, world=self.world, failure=self.failure_of_twin)
+        self._sim = SimServos(robot, world=self.world, failures=self.failure_of_twin)
         self._ticks = 0
         self._connected = False
 

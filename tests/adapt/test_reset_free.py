@@ -48,7 +48,7 @@ SAG_RAD = float(np.radians(1.0))
 
 
 def sag(world: World, seed: int = 0) -> FloatArray:
-    found = simulated_deflection_rad(ROBOT, world, STANCE_PLAN, seed, STANCE_PLAN.belief)
+    found = simulated_deflection_rad(ROBOT, world, STANCE_PLAN, seed)
     assert found is not None
     return found
 
@@ -61,7 +61,7 @@ def test_a_heavier_robot_and_softer_servos_stay_farther_behind() -> None:
 
 def test_a_robot_that_falls_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hexctl.control.guard.FALL_COS_TILT", 2.0)
-    assert simulated_deflection_rad(ROBOT, World(), STANCE_PLAN, 0, STANCE_PLAN.belief) is None
+    assert simulated_deflection_rad(ROBOT, World(), STANCE_PLAN, 0) is None
 
 
 def test_a_robot_that_stays_says_what_a_simulation_says() -> None:

@@ -152,13 +152,13 @@ def test_only_a_simulation_breaks_legs() -> None:
 
 # Backends by name.
 
-OPTIONS = BackendOptions(robot=shipped(), world=World(friction=0.5), failure=Failure(leg=2), seed=7)
+OPTIONS = BackendOptions(robot=shipped(), world=World(friction=0.5), failures=(Failure(leg=2),), seed=7)
 
 
 def test_the_simulation_gets_its_world_failure_and_seed() -> None:
     servos = make_servos("sim", OPTIONS)
     assert isinstance(servos, SimServos)
-    assert (servos.world, servos.failure, servos.seed) == (OPTIONS.world, OPTIONS.failure, 7)
+    assert (servos.world, servos.failures, servos.seed) == (OPTIONS.world, OPTIONS.failures, 7)
     assert servos.robot is OPTIONS.robot
 
 
@@ -211,7 +211,7 @@ def test_servos_of_ones_own_get_the_options_that_they_take(own_module: str, tmp_
 
 def test_a_simulator_of_ones_own_gets_world_failure_and_seed(own_module: str) -> None:
     servos: Any = make_servos(f"{own_module}:Simulator", OPTIONS)
-    assert (servos.world, servos.failure, servos.seed) == (OPTIONS.world, OPTIONS.failure, 7)
+    assert (servos.world, servos.failures, servos.seed) == (OPTIONS.world, OPTIONS.failures, 7)
     check_options(f"{own_module}:Simulator", world="slippery", seed=3, realtime=True)
 
 

@@ -104,7 +104,7 @@ def _observed(
     """What a standing test observes of a robot whose sensors show no more than `seen`."""
     robot = load_robot(name)
     failure = None if leg is None else parse_kind(leg, kind)
-    servos = Faulty(SimServos(robot, world=world, failure=failure, seed=3), seen)
+    servos = Faulty(SimServos(robot, world=world, failures=failure, seed=3), seen)
     with Guard(servos) as guard:
         test = StandingTest(robot, guard.clock.period_s, unsafe=lambda observed: unsafe_legs(observed, robot))
         run_controller(guard, Stand(robot, guard.accepted_rad(), 20, 20))

@@ -53,8 +53,7 @@ def _plan(**changes: Any) -> TrialPlan:
         ({"self_rotation": "left"}, "self_rotation"),
         ({"heading_rad": math.nan}, "heading"),
         ({"travel": 2.0}, "travel"),
-        ({"further_failures": (Failure(leg=2),)}, "further_failures"),  # without a first
-        ({"belief": Failure(leg=2), "further_failures": (Failure(leg=2),)}, "further_failures"),
+        ({"failures": (Failure(leg=2), Failure(leg=2))}, "plan.failures"),
     ],
 )
 def test_a_plan_refuses_what_cannot_be_done(change: dict[str, Any], named: str) -> None:
@@ -64,11 +63,11 @@ def test_a_plan_refuses_what_cannot_be_done(change: dict[str, Any], named: str) 
 
 def test_a_plan_may_be_told_of_several_failed_legs_and_of_a_body_that_has_turned() -> None:
     limp, locked = Failure(leg=6, kind="limp"), Failure(leg=2)
-    plan = _plan(belief=limp, further_failures=(locked,), heading_rad=0.5, turn_rate_rad_s=0.1)
+    plan = _plan(failures=(limp, locked), heading_rad=0.5, turn_rate_rad_s=0.1)
     assert plan.failures == (locked, limp)
     assert (plan.failed_legs, plan.held_legs) == ((2, 6), (2,)), "the limp one is not"
     assert pickle.loads(pickle.dumps(plan)) == plan  # noqa: S301  our own bytes
-    unknown = replace(plan, belief=Failure(leg=6, kind="unknown"))
+    unknown = replace(plan, failures=(locked, Failure(leg=6, kind="unknown")))
     assert unknown.held_legs == (2, 6)
     motion = plan.motion(yaw_rad=1.2)
     assert motion.heading_rad == pytest.approx(0.5 - 1.2)
@@ -401,7 +400,7 @@ def test_a_walk_put_down_in_six_headings_ends_within_a_centimetre_of_itself() ->
     """But for a floor with a grain, which a pyramidal friction cone has."""
     plan = TrialPlan(
         gait=make_gait(shipped(), "77", failed_legs=(5,)),
-        belief=Failure(leg=5),
+        failures=(Failure(leg=5),),
         self_rotation="none",
         duration_s=8.0,
     )
@@ -410,7 +409,7 @@ def test_a_walk_put_down_in_six_headings_ends_within_a_centimetre_of_itself() ->
             SimTrial(
                 robot=shipped(),
                 plan=plan,
-                failure=Failure(leg=5),
+                failures=Failure(leg=5),
                 world=World.model_validate({"friction_cone": cone}),
                 facing_rad=math.radians(60 * k + 10),
             )

@@ -14,6 +14,7 @@ from hexctl.backends.mock import MockServos
 from hexctl.control.guard import POSE_EXPIRY_S
 from hexctl.control.log import TickLog
 from hexctl.control.trial import Enough, stop_when
+from hexctl.robot.failure import each_failure
 from hexctl.types import FloatArray
 from tests.backends.fake_time import FakeTime
 from tests.control.posed import PosedMock
@@ -106,7 +107,7 @@ def test_a_stop_in_the_walk_ends_softly_in_the_stance_as_aborted() -> None:
 
 
 def test_a_stop_in_the_turn_ends_softly_in_the_stance_without_a_walk() -> None:
-    result, log, guard = _stopped("turn", 150, belief=Failure(leg=2))
+    result, log, guard = _stopped("turn", 150, failures=(Failure(leg=2),))
     assert result.status == "aborted"
     assert guard.stopped is None
     assert (result.distance_m, result.duration_s) == (None, 0)
@@ -119,14 +120,16 @@ def test_a_stop_in_the_turn_ends_softly_in_the_stance_without_a_walk() -> None:
 def test_a_stop_asked_for_from_the_start_commands_nothing() -> None:
     servos, log = PosedMock(), TickLog()
     with Guard(servos) as guard:
-        result = run_trial(guard, _plan(belief=Failure(leg=2)), recorders=(log,), stop_requested=lambda: True)
+        result = run_trial(
+            guard, _plan(failures=(Failure(leg=2),)), recorders=(log,), stop_requested=lambda: True
+        )
     assert (result.status, result.stopped, result.duration_s) == ("aborted", "requested", 0)
     assert (len(log), len(servos.sent)) == (0, 0)
     assert _all_finite(result)
 
 
 def test_a_stop_while_it_settles_starts_neither_turn_nor_walk() -> None:
-    result, log, _ = _stopped("settle", 10, belief=Failure(leg=2))
+    result, log, _ = _stopped("settle", 10, failures=(Failure(leg=2),))
     assert (result.status, result.stopped) == ("aborted", "requested")
     assert log.rows_of("turn") == log.rows_of("walk") == slice(0, 0)
 
@@ -158,7 +161,7 @@ def test_an_emergency_stop_freezes_at_once_and_aborts() -> None:
 def test_a_robot_that_knows_no_pose_walks_and_is_not_scored() -> None:
     with Guard(MockServos(shipped(), clock=FakeTime().clock())) as guard:
         log = TickLog()
-        result = run_trial(guard, _plan(belief=Failure(leg=2), duration_s=3), recorders=(log,))
+        result = run_trial(guard, _plan(failures=(Failure(leg=2),), duration_s=3), recorders=(log,))
     assert result.status == "ok"
     assert result.duration_s == pytest.approx(3)
     assert (result.distance_m, result.deviation, result.yaw_change_rad) == (None, None, None)
@@ -178,7 +181,7 @@ def test_a_robot_that_loses_its_pose_is_stopped_and_not_scored(phase: str, belie
         return False
 
     with Guard(servos) as guard:
-        plan = _plan(belief=belief, duration_s=8)
+        plan = _plan(failures=each_failure(belief), duration_s=8)
         result = run_trial(guard, plan, recorders=(log,), stop_requested=lose_it)
     assert (result.status, result.stopped, result.distance_m) == ("aborted", "pose lost", None)
     assert not result.valid

@@ -51,7 +51,9 @@ def believed(robot_name: str, leg: int, seed: int, stance: bool, trials: int = 1
     """The first choices of `bayes` with the shipped prior, and what it expects of each."""
     robot = load_robot(robot_name)
     failure = Failure(leg=leg)
-    plan = TrialPlan(gait=make_gait(robot, "1", failed_legs=(leg,)), belief=failure, duration_s=DURATION_S)
+    plan = TrialPlan(
+        gait=make_gait(robot, "1", failed_legs=(leg,)), failures=(failure,), duration_s=DURATION_S
+    )
     prior = config_root() / "priors" / f"{robot_name}-locked-rear-30s.npz"
     spec = SessionSpec(
         robot=robot_name,
@@ -83,7 +85,7 @@ def bare(name: str, seed: int, trials: int = 40) -> list[int]:
 def asked(name: str, seed: int, trials: int = 40) -> list[int]:
     """The first choices of a heuristic as a session asks it: no gait twice."""
     robot = load_robot("ant")
-    plan = TrialPlan(gait=make_gait(robot, "1", failed_legs=(5,)), belief=Failure(leg=5))
+    plan = TrialPlan(gait=make_gait(robot, "1", failed_legs=(5,)), failures=(Failure(leg=5),))
     return _told(
         make_search(SessionSpec(failed_leg=5, optimizer=name, seed=seed), robot, plan, None), seed, trials
     )

@@ -100,7 +100,7 @@ def alone(trial: SimTrial) -> Walked:
     with SimServos(
         trial.robot,
         world=trial.world,
-        failure=trial.failure,
+        failures=trial.failures,
         seed=trial.seed,
         facing_rad=trial.facing_rad,
     ) as servos:

@@ -99,7 +99,7 @@ def test_an_episode_is_the_walk_of_a_trial_to_the_last_bit() -> None:
     while not ended:
         before = info
         observation, _, _, ended, info = environment.step(policy(observation))
-    result = run_sim_trial(SimTrial(robot=ANT, plan=plan_of(2.0), failure=None), learned)
+    result = run_sim_trial(SimTrial(robot=ANT, plan=plan_of(2.0), failures=None), learned)
     assert result.true_path_m is not None
     assert result.true_path_m[-1].tolist() == list(before.values()), (
         "the trial ends before its last targets act"
@@ -122,7 +122,7 @@ def test_a_fall_ends_an_episode() -> None:
 
 def test_a_batch_of_learned_walks_equals_single_ones() -> None:
     plan = plan_of(0.5)
-    trials = [SimTrial(robot=ANT, plan=plan, failure=None, world=world) for world in ("flat", "slope")]
+    trials = [SimTrial(robot=ANT, plan=plan, failures=None, world=world) for world in ("flat", "slope")]
     together = run_sim_trials(trials, 1, learned, apart=True)
     assert together == [run_sim_trial(trial, learned) for trial in trials]
 

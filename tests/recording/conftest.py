@@ -45,9 +45,9 @@ def make_plan(robot: Robot, **changes: Any) -> TrialPlan:
 @pytest.fixture(scope="session")
 def trial() -> Trial:
     robot = load_robot("ant")
-    plan = make_plan(robot, belief=Failure(leg=5), duration_s=3.0)
+    plan = make_plan(robot, failures=(Failure(leg=5),), duration_s=3.0)
     log = TickLog()
-    with SimServos(robot, failure=plan.belief) as servos:
+    with SimServos(robot, failures=plan.failures) as servos:
         result = run_trial(Guard(servos), plan, recorders=(log,))
         floor = servos.compiled.floor
     return Trial(robot, plan, floor, log, result)

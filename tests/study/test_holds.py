@@ -131,9 +131,10 @@ def test_a_walk_has_the_gait_that_stands_safest_and_the_seed_of_its_world() -> N
     trial = PLACE.trial(HoldCase(leg=2, failure="limp", hold="line"))
     failure = Failure(leg=2, kind="limp")
     assert trial.plan.gait.slots == most_stable_slots(shipped(), heading_rad=0.0, failure=failure)
-    assert (trial.failure, trial.plan.belief, trial.plan.hold, trial.seed) == (failure, failure, "line", 211)
+    assert (trial.failures, trial.plan.failures) == ((failure,), (failure,))
+    assert (trial.plan.hold, trial.seed) == ("line", 211)
     intact = PLACE.trial(HoldCase(leg=0, failure="intact", hold="none"))
-    assert (intact.failure, intact.plan.belief, intact.plan.hold) == (None, None, "none")
+    assert (intact.failures, intact.plan.failures, intact.plan.hold) == ((), (), "none")
     assert PLACE.columns()["rough"]
     locked = PLACE.trial(HoldCase(leg=2, failure="locked", hold="none"))
     assert (trial.plan.gait.posture.body_raise, locked.plan.gait.posture.body_raise) == (0.0, STAND_UP)

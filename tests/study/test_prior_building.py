@@ -147,7 +147,7 @@ def test_a_prior_under_a_hold_stands_as_its_sessions_do_and_is_for_them() -> Non
     }  # fmt: skip
     plan = plan_of(shipped(), duration_s=6.0, self_rotation="none", hold="auto")
     assert asked.key.differences(PriorKey.of(shipped(), plan)) == ["posture auto, not stance"]
-    for other in (plan, replace(plan, belief=Failure(leg=2))):
+    for other in (plan, replace(plan, failures=(Failure(leg=2),))):
         session = in_posture(shipped(), other, "auto")
         assert asked.key.differences(PriorKey.of(shipped(), session)) == []
     assert prior_file_name(asked, "randomised") == "ant-locked-none-6s-line-leg24.npz"

@@ -80,7 +80,7 @@ ROUGH = RecoveryPlace(
 
 def test_nothing_of_what_will_fail_is_told_in_the_plan() -> None:
     trial = ROUGH.trial(CASE)
-    assert (trial.failure, trial.plan.belief, trial.seed, trial.plan.hold) == (None, None, 205, "line")
+    assert (trial.failures, trial.plan.failures, trial.seed, trial.plan.hold) == ((), (), 205, "line")
     assert [str(event) for event in trial.events] == ["2:stuck:tibia@8.3"]
     assert trial.plan.gait.slots == (1, 4, 1, 4, 1, 4)
     assert trial.plan.heading_rad == pytest.approx(math.radians(60))

@@ -153,7 +153,7 @@ def test_it_is_told_nothing_of_what_is_to_come(episodes: Sequence[Episode]) -> N
     method = method_of("stop-diagnose")
 
     def make(start: WalkStart) -> Any:
-        assert all(plan.belief is None for plan in start.plans)
+        assert all(plan.failures == () for plan in start.plans)
         return method.controller(start, [()])
 
     result = run_sim_trial(trial, make)
@@ -206,7 +206,7 @@ def test_each_walk_has_the_gait_with_which_a_trial_ended_nearest_its_line(
     assert (pair.best, pair.trials) == (tried[5].plan.gait, 3)
     assert len({one.plan.gait.slots for one in tried[:3]}) == 3
     assert {one.plan.gait.slots for one in tried[3:]} <= set(map(tuple, GaitSpace((2, 5)).slots.tolist()))
-    assert {(one.plan.hold, one.plan.belief, one.plan.duration_s) for one in tried} == {("none", None, 10.0)}
+    assert {(one.plan.hold, one.plan.failures, one.plan.duration_s) for one in tried} == {("none", (), 10.0)}
     assert {event.at_s for one in tried for event in one.events} == {0.0}
 
 
@@ -281,7 +281,7 @@ def test_the_shape_of_a_gait_walks_like_the_gait_and_a_search_keeps_its_best(
     monkeypatch.setattr(evolution, "MOST_TRIALS", 13)
     monkeypatch.setattr(shaped_walk, "TRIAL_S", 2.5)
     events = (parse_failure_event("2:limp@5"),)
-    trial = SimTrial(robot=shipped(), plan=PLAN, failure=None, events=events)
+    trial = SimTrial(robot=shipped(), plan=PLAN, failures=None, events=events)
     whole = replace(trial, events=())
     tripod, still = shape_of(PLAN.gait), np.zeros((6, 4))
     walked, stood = scores_of([(trial_of(whole), tripod), (trial_of(whole), still)])

@@ -110,12 +110,12 @@ def test_what_is_not_known_differs_from_world_to_world_and_needs_a_prior_for_tha
     asked = plan(failure="unknown", prior=prior, worlds=20)
     asked.check()
     broken = [
-        drawn_failure(spec.robot, trial.failure, trial.seed)
+        drawn_failure(spec.robot, trial.failures[0], trial.seed)
         for spec in asked.specs()
         for trial in [spec.trial(1)]
     ]
     assert len({str(one) for one in broken}) > 8
-    assert {str(spec.trial(1).plan.belief) for spec in asked.specs()} == {"unknown"}
+    assert {str(spec.trial(1).plan.failures[0]) for spec in asked.specs()} == {"unknown"}
     with pytest.raises(InputError, match="failure locked, not unknown"):
         plan(failure="unknown").check()
 

@@ -90,9 +90,12 @@ def opened(place: Place) -> Opener:
 def trial(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The recording of a short walk with leg 5 failed."""
     robot, failure = shipped(), Failure(leg=5)
-    plan = TrialPlan(gait=make_gait(robot, "57", failed_legs=(5,)), belief=failure, duration_s=WALK_S)
+    plan = TrialPlan(gait=make_gait(robot, "57", failed_legs=(5,)), failures=(failure,), duration_s=WALK_S)
     path = tmp_path_factory.mktemp("trial") / "trial.rrd"
-    with SimServos(robot, failure=failure) as servos, Recording(path, robot, plan, title="seen") as recording:
+    with (
+        SimServos(robot, failures=failure) as servos,
+        Recording(path, robot, plan, title="seen") as recording,
+    ):
         recording.finish(run_trial(Guard(servos), plan, recorders=(recording,)), {})
     return path
 

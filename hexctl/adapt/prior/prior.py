@@ -49,7 +49,7 @@ class PriorKey:
         return cls(
             robot=robot.name,
             robot_fingerprint=robot.fingerprint,
-            failure=str(plan.belief),
+            failure=str(next(iter(plan.failures), None)),
             self_rotation=plan.self_rotation,
             heading_deg=math.degrees(plan.heading_rad) if plan.self_rotation == "none" else 0.0,
             duration_s=plan.duration_s,

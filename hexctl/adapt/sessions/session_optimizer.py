@@ -39,7 +39,7 @@ def make_search(
     space = GaitSpace((spec.broken.leg,))
     heading_rad = body_heading_rad(robot, plan)
     if spec.optimizer in (TRIM, STRIDES):
-        ranked = slots_by_stability(robot, heading_rad=heading_rad, failure=plan.belief)
+        ranked = slots_by_stability(robot, heading_rad=heading_rad, failure=plan.failures)
     if spec.optimizer == STRIDES:
         gait = replace(plan.gait, slots=ranked[0])
         fast = fast_gaits(robot, gait, heading_rad=heading_rad, lost=plan.failed_legs, reorder=True)

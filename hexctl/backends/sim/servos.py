@@ -17,7 +17,7 @@ from hexctl.backends.sim.simulation_model import FIRST_JOINT, Simulation, make_s
 from hexctl.backends.sim.world import World, as_world
 from hexctl.errors import SimulationDivergedError, check_type
 from hexctl.mujoco_import import mujoco
-from hexctl.robot.failure import Failure, FailureEvent, check_further, drawn_failure, each_failure
+from hexctl.robot.failure import Failure, FailureEvent, Failures, checked_failures, drawn_failure
 from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState
 
@@ -67,17 +67,16 @@ class SimClock(Clock):
 class SimServos(OwnServos):
     """A MuJoCo hexapod in a world, with or without failed legs.
 
-    Deterministic for the same robot, world, failure, seed, trial and library versions.
+    Deterministic for the same robot, world, failures, seed, trial and library versions.
 
     Args:
         world: a World, or the name or path of one, such as `slippery` or `randomised:7`; flat unless given.
-        failure: the failed leg, or None; the attribute is the drawn failure if it is `unknown`.
+        failures: those from the start, one, several or None; `unknown` ones are drawn.
         seed: draws the bumps and calibration errors of the world, an `unknown` failure, and with `trial` the
             sensor noise.
         facing_rad: initial yaw.
         realtime: pace the clock with wall time; otherwise the physics runs as fast as it can.
         events: scheduled failures and healings, counted from `walk_begins`, besides those of the world.
-        further_failures: those of other legs; the attribute holds the drawn ones.
     """
 
     def __init__(
@@ -85,18 +84,16 @@ class SimServos(OwnServos):
         robot: Robot | str | Path,
         *,
         world: World | str | Path | None = None,
-        failure: Failure | None = None,
+        failures: Failures = (),
         seed: int = 0,
         trial: int = 0,
         facing_rad: float = 0.0,
         realtime: bool = False,
         events: Sequence[FailureEvent] = (),
-        further_failures: Sequence[Failure] = (),
     ) -> None:
         super().__init__(robot, SimClock(self._step, WallClock() if realtime else None))
         self.world = as_world(world)
-        check_type(failure, (Failure, type(None)), "failure", "a Failure, as Failure(leg=5), or None")
-        check_further(failure, further_failures, "further_failures")
+        broken = checked_failures(failures, "failures")
         check_type(seed, int, "seed")
         check_type(trial, int, "trial")
         check_type(facing_rad, float, "facing_rad")
@@ -104,9 +101,7 @@ class SimServos(OwnServos):
         for event in events:
             check_type(event, FailureEvent, "events", "FailureEvents")
         self.events = tuple(sorted((*self.world.events, *events), key=lambda event: event.at_s))
-        self.failure = drawn_failure(self._robot, failure, seed)
-        drawn = [drawn_failure(self._robot, one, seed) for one in further_failures]
-        self.further_failures = tuple(one for one in drawn if one is not None)
+        self._first_failures = tuple(drawn_failure(self._robot, one, seed) for one in broken)
         self.seed = seed
         self.trial = trial
         self.facing_rad = facing_rad
@@ -174,10 +169,6 @@ class SimServos(OwnServos):
             return self._first_failures
         by_leg = self._compiled.failed.by_leg
         return tuple(by_leg[leg] for leg in sorted(by_leg))
-
-    @property
-    def _first_failures(self) -> tuple[Failure, ...]:
-        return each_failure((*each_failure(self.failure), *self.further_failures))
 
     def walk_begins(self) -> None:
         """Set the zero of event times to the next control period."""

@@ -57,7 +57,7 @@ def drive(
     record_folder(options.record, no_record=no_record)  # a drive is recorded only if --record names a file
     options.check_keys(terminal=has_keys())
     options.check()
-    where = option_values(options, but=("robot", "failure"))
+    where = option_values(options, but=("robot", "failures"))
     where = {name: value for name, value in where.items() if value}
     failures, events = read_failures(options.failure, options.failed_leg)
     for event in events:
@@ -161,8 +161,7 @@ def _recorders(
     floor = make_floor(load_world(str(options.world or DEFAULT_WORLD)), options.seed) if simulated else None
     plan = TrialPlan(
         gait=make_gait(loaded.robot, options.gait),
-        belief=next(iter(failures), None),
-        further_failures=tuple(failures[1:]),
+        failures=tuple(failures),
         self_rotation="none",
         travel=0.0,
         level=options.level,

@@ -191,10 +191,10 @@ def _show(live: "LiveView | None", recording: Path | None) -> None:
 def _turn_note(run: "Run") -> str:
     """Line about the self-rotation before a walk; empty if it is short."""
     plan = run.plan
-    if plan.belief is None or abs(turn_needed_rad(run.robot, plan)) <= SMALL_TURN_RAD:
+    if not plan.failures or abs(turn_needed_rad(run.robot, plan)) <= SMALL_TURN_RAD:
         return ""
     points = "trails" if plan.self_rotation == "rear" else "leads"
-    first = f"turns until leg {plan.belief.leg} {points}"
+    first = f"turns until leg {plan.failures[0].leg} {points}"
     return f"hexctl: {first}, then walks {plan.duration_s:g} s; Ctrl-C stops it"
 
 

@@ -372,8 +372,7 @@ class Drive:
                 robot=as_robot(robot),
                 robot_file=self._robot_file,
                 world=world,
-                failure=next(iter(self._failures), None),
-                further_failures=self._failures[1:],
+                failures=self._failures,
                 **options,
             ),
         )

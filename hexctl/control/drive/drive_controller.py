@@ -258,14 +258,7 @@ class DriveController(Controller):
         """A walk that begins at rest in the stance; it changes to the posture once it stands."""
         gait = self._suited(self._gait)
         plain = replace(gait, posture=STANCE)
-        first = next(iter(self._known), None)
-        plan = TrialPlan(
-            gait=plain,
-            belief=first,
-            further_failures=self._known[1:],
-            level=self._level,
-            feet=self._feet,
-        )
+        plan = TrialPlan(gait=plain, failures=self._known, level=self._level, feet=self._feet)
         start = WalkStart(robot=self._robot, plans=(plan,), period_s=self._period_s)
         self.walk = DriveWalk(start, lambda: self._asked)
         self._monitored = MonitoredWalk(start, self.walk, self._policy)

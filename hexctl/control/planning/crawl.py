@@ -77,7 +77,7 @@ def auto_gait(robot: Robot, plan: TrialPlan, *, stand_up: bool = True) -> Gait:
     `stand_up` raises a level body.
     """
     posture = plan.gait.posture
-    if not plan.further_failures:
+    if len(plan.failures) < 2:
         posture = stood_up(robot, plan) if stand_up else posture
         return replace(plan.gait, slots=stable_slots_of(robot, plan), posture=posture)
     if stand_up:

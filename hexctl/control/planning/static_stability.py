@@ -150,11 +150,11 @@ def most_stable_slots(robot: Robot, *, heading_rad: float, failure: Failures = N
 
 def stood_up(robot: Robot, plan: TrialPlan) -> Posture:
     """Posture of a plan's gait; a level body stands up by `STAND_UP` off a locked leg that does not trail."""
-    posture, failure = plan.gait.posture, plan.belief
-    if posture.body_raise or failure is None or failure.kind != "locked":
+    posture = plan.gait.posture
+    if posture.body_raise or [one.kind for one in plan.failures] != ["locked"]:
         return posture
     heading_rad = body_heading_rad(robot, plan)
-    off_rear_rad = wrapped_rad(failed_foot_azimuth_rad(robot, failure) - heading_rad - math.pi)
+    off_rear_rad = wrapped_rad(failed_foot_azimuth_rad(robot, plan.failures[0]) - heading_rad - math.pi)
     return replace(posture, body_raise=STAND_UP) if abs(off_rear_rad) > TRAILING_RAD else posture
 
 
@@ -169,10 +169,10 @@ def in_posture(robot: Robot, plan: TrialPlan, posture: str) -> TrialPlan:
 
 def stable_slots_of(robot: Robot, plan: TrialPlan) -> Slots:
     """Slots of the most stable gait for the walk of a plan, after its self-rotation."""
-    return most_stable_slots(robot, heading_rad=body_heading_rad(robot, plan), failure=plan.belief)
+    return most_stable_slots(robot, heading_rad=body_heading_rad(robot, plan), failure=plan.failures)
 
 
 def margin_m_of(robot: Robot, plan: TrialPlan, slots: Slots) -> float:
     """Smallest static stability margin in m of a gait in the walk of a plan, after its self-rotation."""
     heading_rad = _rounded_rad(body_heading_rad(robot, plan))
-    return float(static_margins_m(robot, [slots], heading_rad=heading_rad, failure=plan.belief)[0, 0])
+    return float(static_margins_m(robot, [slots], heading_rad=heading_rad, failure=plan.failures)[0, 0])

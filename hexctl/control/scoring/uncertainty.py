@@ -92,8 +92,8 @@ def _placed(robot: Robot, world: World, leg: int, code: int, duration_s: float) 
     """A walk with a locked leg that trails; the robot is put down turned."""
     failure = parse_kind(leg, MEASURED_FAILURE)
     gait = make_gait(robot, str(code), failed_legs=(leg,))
-    plan = TrialPlan(gait=gait, belief=failure, duration_s=duration_s)
-    return SimTrial(robot=robot, plan=plan, failure=failure, world=world).put_down_turned()
+    plan = TrialPlan(gait=gait, failures=(failure,), duration_s=duration_s)
+    return SimTrial(robot=robot, plan=plan, failures=failure, world=world).put_down_turned()
 
 
 def _ends_m(

@@ -59,10 +59,10 @@ def turn_needed_rad(robot: Robot, plan: TrialPlan) -> float:
     """Angle to turn before the walk of a plan, counter-clockwise positive."""
     if plan.turn_rad is not None:
         return plan.turn_rad
-    if plan.belief is None or plan.further_failures or plan.self_rotation == "none":
+    if len(plan.failures) != 1 or plan.self_rotation == "none":
         return 0.0
     wanted_rad = plan.heading_rad + (math.pi if plan.self_rotation == "rear" else 0.0)
-    turn_rad = wrapped_rad(wanted_rad - failed_foot_azimuth_rad(robot, plan.belief))
+    turn_rad = wrapped_rad(wanted_rad - failed_foot_azimuth_rad(robot, plan.failures[0]))
     # Half a turn may go either way; rounding must not decide.
     return abs(turn_rad) if abs(turn_rad) > math.pi - 1e-6 else turn_rad
 

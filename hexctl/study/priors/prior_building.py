@@ -109,7 +109,7 @@ class PriorPlan(LandscapePlan):
         return TrialPlan(
             gait=make_gait(self.robot, "demo"),
             duration_s=self.duration_s,
-            belief=failure,
+            failures=(failure,),
             self_rotation=self.self_rotation,
             hold=self.hold,
         )

@@ -255,7 +255,7 @@ class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
         return SimTrial(
             robot=self.robot,
             plan=plan,
-            failure=None,
+            failures=None,
             world=self.world,
             seed=self.number,
             events=case.events,

@@ -133,5 +133,4 @@ class StopAndDiagnoseWalk(Controller):
     def _told(self, plan: TrialPlan) -> TrialPlan:
         """Plan that includes the found failures, so the monitor does not watch those legs."""
         by_leg = {one.leg: one for one in (*plan.failures, *self._failures)}
-        believed = each_failure(tuple(by_leg.values()))[:MOST_FAILED]
-        return replace(plan, belief=next(iter(believed), None), further_failures=believed[1:])
+        return replace(plan, failures=each_failure(tuple(by_leg.values()))[:MOST_FAILED])

@@ -21,7 +21,7 @@ from hexctl.backends.sim.world import World, load_world
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import make_gait
-from hexctl.robot.failure import Failure
+from hexctl.robot.failure import Failure, each_failure
 from hexctl.testing.servo_conformance import move
 from hexctl.types import FloatArray, JointTargets
 from tests.robots import shipped
@@ -268,10 +268,10 @@ def test_a_batch_with_everything_loose_equals_its_single_trials(
             plan=TrialPlan(
                 gait=make_gait(shipped(), code, failed_legs=legs),
                 duration_s=0.6,
-                belief=failure,
+                failures=each_failure(failure),
                 self_rotation="none",
             ),
-            failure=failure,
+            failures=failure,
             world=world,
             seed=5,
             facing_rad=0.7,

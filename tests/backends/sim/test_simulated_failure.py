@@ -28,7 +28,7 @@ def _shaken(
 ) -> tuple[FloatArray, FloatArray]:
     """Move all joints of a walking robot; torques and angles at each tick, (ticks, 18) each."""
     forces, angles = [], []
-    with SimServos(shipped(), failure=failure, events=events) as servos:
+    with SimServos(shipped(), failures=failure, events=events) as servos:
         servos.walk_begins()
         for index in range(ticks):
             servos.clock.tick()
@@ -58,7 +58,7 @@ def test_a_limp_leg_makes_no_torque_and_goes_where_it_is_pushed() -> None:
 
 def test_a_weak_legs_torque_is_limited_to_its_fraction() -> None:
     failure = Failure(leg=LEG, kind="weak", torque_fraction=0.2)
-    with SimServos(shipped(), failure=failure) as servos:
+    with SimServos(shipped(), failures=failure) as servos:
         servos.clock.tick()
         # So far off that every servo would give all it has.
         servos.write(JointTargets(np.full(18, 3.0), 0.0))
@@ -88,7 +88,7 @@ def test_a_missing_leg_touches_nothing_and_weighs_nothing(tmp_path: Path) -> Non
     contacts = walk(robot=robot, failure=failure, self_rotation="none", duration_s=3).log["foot_contacts"]
     assert not contacts[:, LEG - 1].any()
     assert contacts[:, [leg for leg in range(6) if leg != LEG - 1]].any(axis=0).all()
-    with SimServos(robot, failure=failure) as servos:
+    with SimServos(robot, failures=failure) as servos:
         mass = servos.compiled.physics.model.body_mass.sum()
     assert mass == pytest.approx(robot.mass_kg - robot.link_masses_kg.sum(), rel=1e-3)
 
@@ -97,26 +97,25 @@ def test_a_missing_leg_touches_nothing_and_weighs_nothing(tmp_path: Path) -> Non
 def test_a_joint_cannot_be_stuck_where_it_cannot_go(degrees: float) -> None:
     failure = Failure(leg=LEG, kind="stuck", joint="coxa", angle_rad=float(np.radians(degrees)))
     with pytest.raises(InputError, match=f"stuck coxa: got {degrees} deg"):
-        SimServos(shipped(), failure=failure).connect()
+        SimServos(shipped(), failures=failure).connect()
 
 
 def test_an_unknown_failure_is_drawn_with_the_seed_and_can_be_simulated() -> None:
     robot, unknown = shipped("pexod"), Failure(leg=LEG, kind="unknown")
     drawn = [drawn_failure(robot, unknown, seed) for seed in range(60)]
     assert drawn == [drawn_failure(robot, unknown, seed) for seed in range(60)]
-    assert {one.kind for one in drawn if one is not None} == set(BROKEN_KINDS)
-    jams = [one for one in drawn if one is not None and one.kind == "stuck"]
+    assert {one.kind for one in drawn} == set(BROKEN_KINDS)
+    jams = [one for one in drawn if one.kind == "stuck"]
     assert {one.joint for one in jams} == set(JOINT_KINDS)
     for jam in jams:
         index = jam.joint_index
         assert robot.joint_lower_rad[index] <= jam.angle_rad <= robot.joint_upper_rad[index]
     for seed in range(3):
-        with SimServos(robot, failure=unknown, seed=seed) as servos:
-            assert servos.failure == drawn[seed]
+        with SimServos(robot, failures=unknown, seed=seed) as servos:
+            assert servos.failures == (drawn[seed],)
 
     weak = Failure(leg=3, kind="weak", torque_fraction=0.9)
     assert drawn_failure(robot, weak, 7) is weak
-    assert drawn_failure(robot, None, 7) is None
 
 
 # Failures that come and go while a simulation runs, alone and in a batch.
@@ -132,7 +131,7 @@ def _event(text: str) -> FailureEvent:
 
 def test_before_it_connects_it_knows_with_which_failures_it_begins() -> None:
     first, second = Failure(leg=LEG), Failure(leg=1, kind="limp")
-    servos = SimServos(shipped(), failure=first, further_failures=(second,))
+    servos = SimServos(shipped(), failures=(first, second))
     assert servos.failures == (second, first)
     assert servos.true_pose is None
 
@@ -236,7 +235,7 @@ def test_walks_whose_legs_fail_together_equal_each_alone() -> None:
         SimTrial(
             robot=robot,
             plan=plan,
-            failure=None,
+            failures=None,
             world="flat" if leg % 2 else f"real:{leg}",
             events=[_event(f"{leg}:{kind}@{1 + 0.1 * leg}"), parse_healing(f"{leg}@2")],
         )
@@ -246,7 +245,7 @@ def test_walks_whose_legs_fail_together_equal_each_alone() -> None:
     assert together[0] == together[-1], "two of one start too"
     for trial, result in zip(trials, together[:-1], strict=True):
         assert result == run_sim_trial(trial)
-    whole = run_sim_trial(SimTrial(robot=robot, plan=plan, failure=None, world="flat"))
+    whole = run_sim_trial(SimTrial(robot=robot, plan=plan, failures=None, world="flat"))
     assert all(result.path_m[-1, 0] != whole.path_m[-1, 0] for result in together[:-1:2])
 
 

@@ -259,8 +259,10 @@ def test_energy_is_the_work_of_mujocos_forces(name: str) -> None:
 @pytest.mark.parametrize("kind", ["limp", "missing"])
 def test_a_leg_without_torque_costs_nothing(kind: str) -> None:
     failure, log = Failure(leg=5, kind=kind), TickLog()
-    with SimServos(shipped(), failure=failure) as servos:
-        plan = TrialPlan(gait=gait_of(servos.robot), belief=failure, self_rotation="none", duration_s=1.0)
+    with SimServos(shipped(), failures=failure) as servos:
+        plan = TrialPlan(
+            gait=gait_of(servos.robot), failures=(failure,), self_rotation="none", duration_s=1.0
+        )
         run_trial(Guard(servos), plan, recorders=(log,))
     torques_nm = log["joint_torques_nm"]
     assert (torques_nm[:, 12:15] == 0).all()
@@ -269,7 +271,7 @@ def test_a_leg_without_torque_costs_nothing(kind: str) -> None:
 
 def test_the_servo_of_a_stuck_joint_pushes_against_the_jam() -> None:
     """As stiff as it is and no stronger, whatever the jam itself takes."""
-    with SimServos(shipped(), failure=parse_kind(2, "stuck:femur:30")) as servos:
+    with SimServos(shipped(), failures=parse_kind(2, "stuck:femur:30")) as servos:
         robot = servos.robot
         for off_rad in (0.02, 1.0):
             targets_rad = robot.stance_angles_rad.copy()

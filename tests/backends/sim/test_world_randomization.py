@@ -332,11 +332,11 @@ def test_batches_and_single_simulations_get_what_was_drawn(tmp_path: Path) -> No
             servos.clock.tick()
         assert [failure.leg for failure in servos.failures] == [event.leg]
     plan = TrialPlan(gait=make_gait(model, "tripod"), duration_s=1.5)
-    trials = [SimTrial(robot=model, plan=plan, failure=None, world=f"{path}:{n}") for n in (3, 4, 5)]
+    trials = [SimTrial(robot=model, plan=plan, failures=None, world=f"{path}:{n}") for n in (3, 4, 5)]
     together = run_sim_trials(trials, threads=1)
     assert together[1] == run_sim_trial(trials[1])
     whole = trials[1].world.model_copy(update={"failures": (), "healings": ()})
-    intact = run_sim_trial(SimTrial(robot=model, plan=plan, failure=None, world=whole))
+    intact = run_sim_trial(SimTrial(robot=model, plan=plan, failures=None, world=whole))
     assert together[1].path_m[-1, 0] != intact.path_m[-1, 0]
 
 

@@ -91,7 +91,7 @@ def test_a_leg_dies_and_the_robot_walks_on_along_its_line(
 @pytest.mark.parametrize("kind", ["limp", "locked", "missing"])
 def test_a_leg_that_is_dead_before_the_first_step_is_noticed_and_tucked(kind: str) -> None:
     failure = Failure(leg=2, kind=kind)
-    trial = replace(_trial(duration_s=3.0, self_rotation="none"), failure=failure)
+    trial = replace(_trial(duration_s=3.0, self_rotation="none"), failures=(failure,))
     first = _walk(trial)[1].noticed[0][0]
     assert first.suspicion.failure == failure
     assert first.response.gait is not None

@@ -336,7 +336,7 @@ def test_walks_of_another_sort_and_of_other_robots_are_not_covered() -> None:
         replace(plan, hold="none"),
         replace(plan, turn_rate_rad_s=0.1),
         replace(plan, travel=0.0),
-        replace(plan, belief=Failure(leg=5)),
+        replace(plan, failures=(Failure(leg=5),)),
         replace(plan, gait=replace(plan.gait, pace_hz=0.7)),
         replace(plan, gait=replace(plan.gait, amplitude=0.08)),
         replace(plan, gait=replace(plan.gait, height=0.05)),

@@ -32,6 +32,7 @@ from hexctl.gait.foot_trajectory import StepPattern, Swing, gait_feet_body, in_s
 from hexctl.gait.gait import SWING_SHARE, Motion
 from hexctl.gait.posture import Posture
 from hexctl.ik.support_polygon import centre_of_mass_body, support
+from hexctl.robot.failure import each_failure
 from hexctl.runs.run import run
 from hexctl.runs.run_spec import RunSpec, plan_of
 from tests.robots import ROBOT_NAMES, shipped
@@ -78,8 +79,8 @@ def test_no_gait_has_a_larger_margin(kind: str) -> None:
 def test_it_is_chosen_for_the_direction_in_which_the_self_rotation_leaves_the_body() -> None:
     robot, failure = shipped(), Failure(leg=1)
     demo = make_gait(robot, "demo")
-    rear = stable_slots_of(robot, TrialPlan(gait=demo, belief=failure))
-    as_it_is = stable_slots_of(robot, TrialPlan(gait=demo, belief=failure, self_rotation="none"))
+    rear = stable_slots_of(robot, TrialPlan(gait=demo, failures=(failure,)))
+    as_it_is = stable_slots_of(robot, TrialPlan(gait=demo, failures=(failure,), self_rotation="none"))
     assert rear == most_stable_slots(
         robot, heading_rad=float(robot.leg_azimuths_rad[0]) - math.pi, failure=failure
     )
@@ -89,7 +90,7 @@ def test_it_is_chosen_for_the_direction_in_which_the_self_rotation_leaves_the_bo
 
 def standing(failure: Failure | None = None, **posture: Any) -> TrialPlan:
     gait = replace(make_gait(shipped(), "demo"), posture=Posture(**posture))
-    return TrialPlan(gait=gait, belief=failure)
+    return TrialPlan(gait=gait, failures=each_failure(failure))
 
 
 @pytest.mark.parametrize("robot_name", ["ant", "pexod"])
@@ -232,11 +233,9 @@ def test_the_simulation_agrees(legs: tuple[int, ...], least: float, most: float)
     """`pexod`, limp legs, straight ahead."""
     robot = shipped("pexod")
     first, second = (Failure(leg=leg, kind="limp") for leg in legs)
-    plan = TrialPlan(
-        gait=make_gait(robot, "demo"), belief=first, further_failures=(second,), duration_s=6.0, hold="line"
-    )
+    plan = TrialPlan(gait=make_gait(robot, "demo"), failures=(first, second), duration_s=6.0, hold="line")
     plan = replace(plan, gait=auto_gait(robot, plan))
-    result = run_sim_trial(SimTrial(robot=robot, plan=plan, failure=first, further_failures=(second,)))
+    result = run_sim_trial(SimTrial(robot=robot, plan=plan, failures=plan.failures))
     assert result.distance_m is not None
     assert least <= result.distance_m / result.ideal_distance_m <= most
 

@@ -94,7 +94,10 @@ def test_the_ideal_distance_is_the_papers_and_one_that_never_set_out_has_none() 
 def test_a_self_rotation_that_misses_its_goal_says_so(turned_deg: float, miss_deg: float) -> None:
     """Leg 3 of ant points to 120 degrees: it trails after a turn by 60."""
     result = scored(
-        along(1.2, np.zeros(5)), belief=Failure(leg=3), turned_rad=math.radians(turned_deg), duration_s=1.0
+        along(1.2, np.zeros(5)),
+        failures=(Failure(leg=3),),
+        turned_rad=math.radians(turned_deg),
+        duration_s=1.0,
     )
     assert result.turn_miss_rad == pytest.approx(math.radians(miss_deg), abs=1e-9)
     again = TrialResult.from_dict(result.to_dict(path=True))

@@ -21,7 +21,7 @@ from tests.trials import gait_of
 def _needed_deg(leg: int, heading_deg: float = 0.0, self_rotation: SelfRotation = "rear") -> float:
     plan = TrialPlan(
         gait=gait_of(shipped()),
-        belief=Failure(leg=leg),
+        failures=(Failure(leg=leg),),
         heading_rad=math.radians(heading_deg),
         self_rotation=self_rotation,
     )
@@ -36,7 +36,7 @@ def test_the_turn_takes_the_heading_and_what_is_wanted_into_account() -> None:
     assert _needed_deg(2, self_rotation="none") == 0
     assert turn_needed_rad(shipped(), TrialPlan(gait=gait_of(shipped()))) == 0
     in_plane = Failure(leg=5, kind="stuck", joint="femur", angle_rad=math.radians(30))
-    plan = TrialPlan(gait=gait_of(shipped()), belief=in_plane)
+    plan = TrialPlan(gait=gait_of(shipped()), failures=(in_plane,))
     assert turn_needed_rad(shipped(), plan) == pytest.approx(math.radians(-60)), "as with the leg intact"
 
 
@@ -66,8 +66,11 @@ def test_dry_friction_swallows_an_angle_that_the_robot_file_tells() -> None:
 
 def _turned(failure: Failure, robot: str = "ant", **plan: Any) -> tuple[TrialResult, TickLog]:
     """A trial that ends as its walk begins."""
-    log, made = TickLog(), TrialPlan(gait=gait_of(shipped(robot)), belief=failure, duration_s=0.02, **plan)
-    with SimServos(shipped(robot), failure=failure) as servos:
+    log, made = (
+        TickLog(),
+        TrialPlan(gait=gait_of(shipped(robot)), failures=(failure,), duration_s=0.02, **plan),
+    )
+    with SimServos(shipped(robot), failures=failure) as servos:
         return run_trial(servos, made, recorders=(log,), soft_stop=False), log
 
 
@@ -121,8 +124,8 @@ def test_noise_of_the_yaw_counts_as_its_mean_not_as_its_samples() -> None:
     world = World(sensor_noise=SensorNoise(yaw_deg=0.5))
     misses_deg = []
     for seed in range(4):
-        with SimServos(shipped(), world=world, failure=Failure(leg=2), seed=seed) as servos:
-            plan = TrialPlan(gait=gait_of(shipped()), belief=Failure(leg=2), duration_s=0.02)
+        with SimServos(shipped(), world=world, failures=Failure(leg=2), seed=seed) as servos:
+            plan = TrialPlan(gait=gait_of(shipped()), failures=(Failure(leg=2),), duration_s=0.02)
             run_trial(servos, plan, soft_stop=False)
             quaternion = servos.compiled.physics.data.qpos[3:7]
             misses_deg.append(math.degrees(float(yaw_rad(quaternion))) - 120)
@@ -138,7 +141,7 @@ def test_no_turn_when_told_not_to_or_when_the_leg_trails_already() -> None:
 def test_a_robot_that_does_not_turn_walks_from_where_it_is() -> None:
     """Its own yaw never changes: after four times the ideal time it gives up."""
     servos, log = PosedMock(), TickLog()
-    plan = TrialPlan(gait=gait_of(servos.robot), belief=Failure(leg=2), duration_s=1)
+    plan = TrialPlan(gait=gait_of(servos.robot), failures=(Failure(leg=2),), duration_s=1)
     with Guard(servos) as guard:
         result = run_trial(guard, plan, recorders=(log,))
     turning = log.rows_of("turn")
@@ -155,6 +158,6 @@ def test_the_foot_of_a_jammed_leg_is_where_the_jam_puts_it(name: str) -> None:
     mount, foot = robot.mount_positions_body[4, :2], robot.stance_feet_body[4, :2]
     cos, sin = math.cos(failure.angle_rad), math.sin(failure.angle_rad)
     x, y = np.array([[cos, -sin], [sin, cos]]) @ (foot - mount) + mount
-    plan = TrialPlan(gait=gait_of(robot), belief=failure)
+    plan = TrialPlan(gait=gait_of(robot), failures=(failure,))
     wanted_deg = math.remainder(180 - math.degrees(math.atan2(y, x)), 360)
     assert math.degrees(turn_needed_rad(robot, plan)) == pytest.approx(wanted_deg, abs=1e-9)

@@ -152,7 +152,7 @@ STONY = World(roughness_m=0.01, roughness_length_m=0.1)
 def test_a_batch_on_uneven_ground_equals_single_walks() -> None:
     """To the last bit, for different ground, gaits and postures."""
     trials = [
-        SimTrial(robot=ROBOT, plan=plan(gait), failure=None, world=world, seed=seed)
+        SimTrial(robot=ROBOT, plan=plan(gait), failures=None, world=world, seed=seed)
         for gait, world, seed in (("tripod", STONY, 1), ("wave", STONY, 2), ("tripod", "ramps", 3))
     ]
     for one, other in zip(run_sim_trials(trials), map(run_sim_trial, trials), strict=True):
