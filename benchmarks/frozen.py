@@ -18,7 +18,7 @@ from hexctl.adapt.arena import Geofence
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.control.monitor.monitored_walk import watched_walk
-from hexctl.control.monitor.recovery import make_policy
+from hexctl.control.monitor.recovery import make_recovery
 from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
@@ -212,7 +212,7 @@ def walked(kind: str, number: int) -> tuple[TrialResult, Freeze, float]:
         guard = Guard(servos, tilt_of=servos.tilt_of, trusts_position=servos.has_simulated_pose)
         stack.enter_context(guard)
         fence = Geofence(FENCE_M) if kind in FENCED else None
-        result = run_trial(guard, plan, watched_walk(make_policy("stop")), should_stop=fence)
+        result = run_trial(guard, plan, watched_walk(make_recovery("stop")), should_stop=fence)
     return result, freeze, servos.farthest_m - FENCE_M
 
 

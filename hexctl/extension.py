@@ -1,4 +1,4 @@
-"""Base classes and helpers for custom recovery policies and servo drivers; imported when first used."""
+"""Base classes and helpers for custom recoveries and servo drivers; imported when first used."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -8,14 +8,14 @@ if TYPE_CHECKING:
     from hexctl.backends.base import check_connected, check_targets
     from hexctl.backends.clock import WallClock
     from hexctl.control.monitor.monitored_walk import recovering_walk
-    from hexctl.control.monitor.recovery import RecoveryPolicy, Response
+    from hexctl.control.monitor.recovery import Recovery, Response
     from hexctl.control.preparation import WalkStart
     from hexctl.robot.loader import load_robot_file
     from hexctl.study.recovery.methods import RecoveryMethod
 
 # fmt: off
 __all__ = [
-    "WalkStart", "RecoveryPolicy", "Response", "recovering_walk", "RecoveryMethod",
+    "WalkStart", "Recovery", "Response", "recovering_walk", "RecoveryMethod",
     "WallClock", "check_connected", "check_targets", "load_robot_file",
 ]
 # fmt: on

@@ -13,7 +13,7 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.monitor.monitored_walk import MonitoredWalk, watched_walk
-from hexctl.control.monitor.recovery import GlideToStableGait, RecoveryPolicy, WalkOn
+from hexctl.control.monitor.recovery import GlideToStableGait, Recovery, WalkOn
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import TrialPlan
@@ -31,8 +31,8 @@ EVENT, FAILS_S, DURATION_S = "5:limp@6", 6.0, 16.0
 #: When the robots are drawn, from the failure on.
 MOMENT_S = 6.0
 
-#: The walks: name and policy.
-WALKS: tuple[tuple[str, type[RecoveryPolicy]], ...] = (("walks on", WalkOn), ("recovers", GlideToStableGait))
+#: The walks: name and recovery.
+WALKS: tuple[tuple[str, type[Recovery]], ...] = (("walks on", WalkOn), ("recovers", GlideToStableGait))
 
 FAILED_COLOR = hex_color(FAILED_COLORS["femur"])
 
@@ -74,13 +74,13 @@ class FailedWalk:
         return int(np.arange(len(self.log["time_s"]))[rows][round((FAILS_S + moment_s) / PERIOD_S)])
 
 
-def walk(name: str, policy: type[RecoveryPolicy]) -> FailedWalk:
+def walk(name: str, recovery: type[Recovery]) -> FailedWalk:
     """Walk straight ahead on the flat floor until a leg fails, and beyond."""
     robot, log, walks = load_robot("ant"), TickLog(), list[MonitoredWalk]()
     plan = TrialPlan(gait=make_gait(robot, "tripod"), hold="line", duration_s=DURATION_S)
 
     def made(start: WalkStart) -> MonitoredWalk:
-        walks.append(watched_walk(policy())(start))
+        walks.append(watched_walk(recovery())(start))
         return walks[0]
 
     with Guard(SimServos(robot, events=[parse_failure_event(EVENT)])) as guard:

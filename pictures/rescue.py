@@ -11,7 +11,7 @@ RACE = PICTURE | {"fps": 16.0}
 
 def draw_rescue(folder: Path) -> Path:
     """Walk twice in the world of the demo, and draw both walks as a race."""
-    recordings = [folder / f"{policy}.rrd" for policy in (WALK_ON, RECOVER)]
-    for policy, recording in zip((WALK_ON, RECOVER), recordings, strict=True):
-        walk_and_fail(policy, recording)
+    recordings = [folder / f"{recovery}.rrd" for recovery in (WALK_ON, RECOVER)]
+    for recovery, recording in zip((WALK_ON, RECOVER), recordings, strict=True):
+        walk_and_fail(recovery, recording)
     return export(*recordings, output=folder / "rescue.gif", **RACE)

@@ -54,8 +54,8 @@ def driven(
     """A robot that stood up and was then driven by commands; untold of a failure it walks on as if whole."""
     servos = SimServos(robot, world=world, failures=failure)
     rows = []
-    policy = None if told else "walk-on"
-    with Drive(servos=servos, gait=gait, failure=failure, told=told, policy=policy) as drive:
+    recovery = None if told else "walk-on"
+    with Drive(servos=servos, gait=gait, failure=failure, told=told, recovery=recovery) as drive:
         drive.reset()
         for duration_s, *shares in commands:
             velocity = drive.share(*shares)

@@ -125,7 +125,7 @@ class AdaptOptions(RobotOptions):
     steered, and else is 0.
     """
 
-    policy: Annotated[str | None, RARE, FAILURE] = None
+    recovery: Annotated[str | None, RARE, FAILURE, Typed(words="recoveries")] = None
     """What a trial does about another leg that it notices to have failed: stop, glide, or
     package.module:Class; such a trial does not count and ends the search. With walk-on no legs are
     watched. (default: walk-on)

@@ -18,7 +18,7 @@ from hexctl.control.controllers import Controller
 from hexctl.control.guard import Guard
 from hexctl.control.log import BLOCK_TICKS, PACED_BLOCK_TICKS, Recorders
 from hexctl.control.monitor.monitored_walk import watched_walk
-from hexctl.control.monitor.recovery import make_policy
+from hexctl.control.monitor.recovery import make_recovery
 from hexctl.control.planning.top_speed import Stride
 from hexctl.control.preparation import WalkStart
 from hexctl.control.scoring.uncertainty_store import CONFIRM_STEP_S
@@ -170,12 +170,12 @@ class TrialRunner:
 
     @property
     def _watched(self) -> bool:
-        return self.spec.policy != UNWATCHED
+        return self.spec.recovery != UNWATCHED
 
     def _made_walk(self) -> Callable[[WalkStart], Controller]:
         if not self._watched:
             return planned_walk
-        return watched_walk(make_policy(self.spec.policy))
+        return watched_walk(make_recovery(self.spec.recovery))
 
     def _recorders(self, recording: Recording | None, plan: TrialPlan, title: str) -> Recorders:
         if self.live is not None:

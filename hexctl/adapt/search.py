@@ -31,7 +31,7 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.base import LegServos
 from hexctl.backends.registry import check_options, option_values
 from hexctl.backends.sim.world import with_step
-from hexctl.control.monitor.recovery import make_policy
+from hexctl.control.monitor.recovery import make_recovery
 from hexctl.control.planning.static_stability import in_posture, usual_posture
 from hexctl.control.scoring.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.trial_plan import AUTO_ROTATION, suited_rotation
@@ -127,7 +127,7 @@ def _spec_of(options: AdaptOptions, measure: Objective) -> SessionSpec:
             "uncertainty_m": options.uncertainty_m or 0.0,
             "home_m": None if home_m is None else [float(value) for value in home_m],
             "prior": None,
-            "policy": options.policy or UNWATCHED,
+            "recovery": options.recovery or UNWATCHED,
             "baseline_gaits": list(BASELINE_GAITS) if options.baseline else [],
             "versions": {package: version(package) for package in PACKAGES},
         }
@@ -212,7 +212,7 @@ def _for_trim(spec: SessionSpec) -> SessionSpec:
 
 
 def _check_options(spec: SessionSpec, objective: Objective) -> None:
-    make_policy(spec.policy)
+    make_recovery(spec.recovery)
     linked = option_values(spec, but=("robot", "world", "failures", "seed"))
     if ":" not in spec.backend or any(linked.values()):
         check_options(spec.backend, **linked)

@@ -27,7 +27,7 @@ FunctionT = TypeVar("FunctionT", bound=Callable[..., Any])
 TYPED_ONLY = ("yes", "clear", "ready", "insecure", "ros-drive", "trust", "help-all")
 
 #: Options whose value may be importable code, as `module:Name`.
-CODE_OPTIONS = ("backend", "policy", "optimizer", "objective", "optimizers", "methods")
+CODE_OPTIONS = ("backend", "recovery", "optimizer", "objective", "optimizers", "methods")
 
 #: Commands that work even with invalid settings, and report them.
 UNSTOPPABLE = (("estop",), ("doctor",))

@@ -30,7 +30,9 @@ def record_folder(record: object, *, no_record: bool) -> Path | None:
 
 
 def _recover(text: str, *, rare: bool) -> Any:
-    return typer.Option("--recover", rich_help_panel="Failure", hidden=rare, help=f"{text}: --policy glide.")
+    return typer.Option(
+        "--recover", rich_help_panel="Failure", hidden=rare, help=f"{text}: --recovery glide."
+    )
 
 
 RecoverOption = Annotated[
@@ -42,11 +44,11 @@ TrialRecoverOption = Annotated[
 ]
 
 
-def recovery_policy(*, recover: bool, policy: str | None) -> str | None:
-    """The policy of `--recover` and `--policy`; raises InputError if they contradict."""
-    if recover and policy not in (None, "glide"):
-        raise InputError(f"--policy: got {policy} with --recover, which is glide; allowed: one or the other")
-    return "glide" if recover else policy
+def chosen_recovery(*, recover: bool, recovery: str | None) -> str | None:
+    """The recovery by `--recover` or `--recovery`; raises InputError if they contradict."""
+    if recover and recovery not in (None, "glide"):
+        raise InputError(f"--recovery: got {recovery} with --recover, which is glide; allowed: one of them")
+    return "glide" if recover else recovery
 
 
 METRES = Range(low=0, above=True, unit="m")

@@ -184,7 +184,7 @@ class _Trial(TickObserver):
         self.turned_rad, self.clipped_ticks, self.hold = 0.0, 0, "none"
         self.limited_ticks = 0
         self.noticed: tuple[NoticedFailure, ...] = ()
-        self.requested = self.by_policy = False
+        self.requested = self.by_recovery = False
         self.samples, self.effort = WalkSamples(ticks_of(self.servos, plan.duration_s)), WalkEffort()
 
     def run(self, *, soft_stop: bool) -> None:
@@ -208,7 +208,7 @@ class _Trial(TickObserver):
         trace, plan = self.trace, self.plan
         rows, warnings = trace.rows("walk"), trace.warnings.texts
         stopped = self.stopped
-        if stopped is not None and self.by_policy:
+        if stopped is not None and self.by_recovery:
             stopped = with_troubles(stopped, warnings, [one.failure.leg for one in self.noticed])
         return score(
             self.servos.robot,
@@ -249,7 +249,7 @@ class _Trial(TickObserver):
             self.noticed = walk.noticed_failures()
         why = walk.why_stopped()
         if self.status == "aborted" and why is not None:
-            self.stopped, self.by_policy = why, True
+            self.stopped, self.by_recovery = why, True
         elif self.status == "aborted" and not self.requested:
             self._complete()  # the controller itself has ended the walk
         if soft_stop:

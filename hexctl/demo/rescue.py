@@ -37,7 +37,7 @@ ROBOT, GAIT, WORLD = "ant", "tripod", "transfer:504"
 #: Failure and its time, and the length of the walk.
 EVENT, WALK_S = parse_failure_event("5:locked@6.3"), 15.0
 
-#: Policies of the walk without recovery and of the one with it.
+#: Names of the recoveries that the two walks use.
 WALK_ON, RECOVER = "walk-on", "glide"
 
 #: The race begins just before the failure.
@@ -127,10 +127,10 @@ def demo(
     spec = new_spec(failure=EVENT.failure, budget=budget, world=WORLD, folder=folder, note=note)
     into = _new_folder(folder)
     result = DemoResult(event=EVENT, world=WORLD, folder=into)
-    for name, policy in (("walked_on", WALK_ON), ("recovered", RECOVER)):
+    for name, recovery in (("walked_on", WALK_ON), ("recovered", RECOVER)):
         recording = into / f"{name.replace('_', '-')}.rrd"
         try:
-            walk = walk_and_fail(policy, recording, stop_requested=stop_requested)
+            walk = walk_and_fail(recovery, recording, stop_requested=stop_requested)
         finally:
             _remove_empty(into)  # interrupted before anything was recorded
         changed: dict[str, Any] = {name: walk}
@@ -152,9 +152,9 @@ def demo(
 
 
 def walk_and_fail(
-    policy: str, recording: Path | None, *, world: str = WORLD, stop_requested: StopRequested = never
+    recovery: str, recording: Path | None, *, world: str = WORLD, stop_requested: StopRequested = never
 ) -> RunResult:
-    """Walk on the line until the leg of the demo fails, and continue by a policy; None records nothing."""
+    """Walk on the line until the leg of the demo fails, and continue by a recovery; None records nothing."""
     try:
         return run(
             robot=ROBOT,
@@ -162,7 +162,7 @@ def walk_and_fail(
             world=world,
             hold="line",
             failure=EVENT,
-            policy=policy,
+            recovery=recovery,
             duration_s=WALK_S,
             record=False if recording is None else recording,
             stop_requested=stop_requested,

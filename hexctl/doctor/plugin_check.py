@@ -8,7 +8,7 @@ from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.optimizers.shipped import NAMES
 from hexctl.backends.base import LegServos
 from hexctl.backends.registry import BACKENDS
-from hexctl.control.monitor.recovery import POLICIES, RecoveryPolicy
+from hexctl.control.monitor.recovery import RECOVERIES, Recovery
 from hexctl.doctor.settings_check import without_home
 from hexctl.errors import HexctlError
 from hexctl.robot.plugins import Door, Plugin, find_plugin, plugins
@@ -31,7 +31,7 @@ def read_plugins(commands: Container[str] = ()) -> tuple[PluginFound, ...]:
         "servos": (BACKENDS, LegServos),
         "families": ((), object),
         "optimizers": (NAMES, Optimizer),
-        "recoveries": (POLICIES, RecoveryPolicy),
+        "recoveries": (RECOVERIES, Recovery),
         "commands": (commands, Callable),
     }
     return tuple(

@@ -105,10 +105,10 @@ class Run:
         check_plan(self.robot, self.plan)
         world = DEFAULT_WORLD if spec.world is None else spec.world
         self._world = world if isinstance(world, World) else load_world(world)
-        self._policy = spec.made_policy(failures_come=bool(spec.events or self._world.events))
+        self._recovery = spec.made_recovery(failures_come=bool(spec.events or self._world.events))
         # A robot that stands ready must not wait for it.
         for plan in _as_it_may_stand(self.robot, self.plan):
-            self._policy.prepare(self.robot, plan, plan.heading_rad)
+            self._recovery.prepare(self.robot, plan, plan.heading_rad)
         self.broken = spec.failures
         self.notes: tuple[str, ...] = ()
         self._guard: Guard | None = None
@@ -215,7 +215,7 @@ class Run:
             block_ticks=PACED_BLOCK_TICKS if self.spec.paced else BLOCK_TICKS,
         )
         began_s = time.perf_counter()
-        walk = watched_walk(self._policy) if self._controller is None else self._controller
+        walk = watched_walk(self._recovery) if self._controller is None else self._controller
         try:
             trial = run_trial(
                 self._guard, self.plan, walk, kept, stop_requested=stop_requested, should_stop=should_stop

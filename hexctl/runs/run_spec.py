@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar
 
 from hexctl.backends.registry import check_options, option_values
 from hexctl.backends.robot_options import FAILURE, RecordedOptions
-from hexctl.control.monitor.recovery import MOST_RECOVERED, RecoveryPolicy, default_policy, make_policy
+from hexctl.control.monitor.recovery import MOST_RECOVERED, Recovery, default_recovery, make_recovery
 from hexctl.control.planning.crawl import auto_gait
 from hexctl.control.planning.leg_sets import doubt, leg_set
 from hexctl.control.planning.static_stability import check_tucked, stable_slots_of
@@ -126,11 +126,11 @@ class RunSpec(RecordedOptions, WalkOptions, GroundOptions):
     heal: Annotated[Sequence[str | FailureEvent], RARE, FAILURE] = ()
     """In a simulation, let a leg be intact again: LEG@SECONDS, such as 5@20. Repeatable. (default: never)"""
 
-    policy: Annotated[str | RecoveryPolicy | None, Typed(), RARE, FAILURE] = None
+    recovery: Annotated[str | Recovery | None, Typed(words="recoveries"), RARE, FAILURE] = None
     """What to do when a leg fails: walk-on, stop, glide (walk on without it), or package.module:Class.
     (default: glide with sim, else stop)
 
-    In Python also a policy.
+    In Python also a recovery.
     """
 
     self_rotation: Annotated[AskedRotation, RARE] = AUTO_ROTATION
@@ -201,11 +201,11 @@ class RunSpec(RecordedOptions, WalkOptions, GroundOptions):
         """Whether the walk is recorded."""
         return self.record is not None or self.record_folder is not None
 
-    def made_policy(self, *, failures_come: bool) -> RecoveryPolicy:
-        """The recovery policy, also for simulated failures during the walk; raises InputError."""
-        usual = default_policy(simulated=self.simulated, failures_come=failures_come)
-        policy = usual if self.policy is None else self.policy
-        return make_policy(policy) if isinstance(policy, str) else policy
+    def made_recovery(self, *, failures_come: bool) -> Recovery:
+        """The recovery, also for simulated failures during the walk; raises InputError."""
+        usual = default_recovery(simulated=self.simulated, failures_come=failures_come)
+        recovery = usual if self.recovery is None else self.recovery
+        return make_recovery(recovery) if isinstance(recovery, str) else recovery
 
     @property
     def gait_text(self) -> str:

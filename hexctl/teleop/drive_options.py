@@ -57,7 +57,7 @@ class DriveOptions(RobotOptions, GroundOptions):
     hold: Annotated[DriveHold, WALK] = "auto"
     """Correct slip with the pose or the yaw that the robot measures (auto), or walk in open loop (none)."""
 
-    policy: Annotated[str | None, FAILURE, RARE] = None
+    recovery: Annotated[str | None, FAILURE, RARE, Typed(words="recoveries")] = None
     """What to do about a leg that is noticed to have failed: walk-on, stop, glide, or package.module:Class.
     (default: glide with sim, else stop)
     """

@@ -194,17 +194,17 @@ def test_an_operator_measures_a_robot_with_warnings() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("policy", ["stop", "glide"])
-def test_a_trial_in_which_another_leg_fails_does_not_count(policy: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("recovery", ["stop", "glide"])
+def test_a_trial_in_which_another_leg_fails_does_not_count(recovery: str, tmp_path: Path) -> None:
     world = tmp_path / "breaks.yaml"
     world.write_text("failures: ['2:limp@4']\n")
     options: dict[str, Any] = {"failed_leg": 5, "duration_s": 8.0, "budget": 1, "record": False}
     with pytest.raises(LegFailedError, match=r"trial 1 does not count: leg 2 limp, noticed 4") as raised:
-        adapt(**options, world=str(world), policy=policy, baseline=False)
+        adapt(**options, world=str(world), recovery=recovery, baseline=False)
     assert raised.value.legs == (2,)
     (summary,) = list_sessions()
     session = load_session(summary.name)
-    assert (session.trials, session.spec.policy) == ([], policy)
+    assert (session.trials, session.spec.recovery) == ([], recovery)
     world.write_text("failures: []\n")  # the leg is mended
     resumed = Adaptation.resume(summary.name, record=False).run()
     assert [trial.valid for trial in resumed.session.trials] == [True]

@@ -65,7 +65,7 @@ def test_a_session_continues_as_it_began_whatever_the_settings_say_by_then(
     capsys.readouterr()
 
 
-@pytest.mark.parametrize("field", ["optimizer", "objective", "backend", "policy"])
+@pytest.mark.parametrize("field", ["optimizer", "objective", "backend", "recovery"])
 def test_a_session_imports_no_code_without_trust(field: str) -> None:
     spec = new_spec(failed_leg=5)
     spec.check_trusted((), trust=False)

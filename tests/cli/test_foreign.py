@@ -86,14 +86,14 @@ COMMANDS = [
 )
 def test_a_foreign_session_runs_no_code(call: Call, command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hexctl.adapt.sessions.session_viewing.open_viewer", lambda _: 0)
-    every = {"optimizer": NAMED, "objective": NAMED, "backend": NAMED, "policy": NAMED}
+    every = {"optimizer": NAMED, "objective": NAMED, "backend": NAMED, "recovery": NAMED}
     name = foreign_session(monkeypatch, **every)
     other = foreign_session(monkeypatch, **every)
     words = {"NAME": name, "OTHER": other, "best:NAME": f"best:{name}"}
     call(*[words.get(word, word) for word in command.split()])
 
 
-@pytest.mark.parametrize("field", ["optimizer", "objective", "backend", "policy"])
+@pytest.mark.parametrize("field", ["optimizer", "objective", "backend", "recovery"])
 def test_a_foreign_session_is_resumed_with_its_code_only_if_that_is_typed(
     call: Call, field: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -116,8 +116,8 @@ def test_commands_that_are_shown_for_a_foreign_session_are_safe_to_paste(
     [
         (f'backend = "{NAMED}"', "run --no-record --duration 0.1"),
         (f'backend = "{NAMED}"', "serve --listen tcp/127.0.0.1:0"),
-        (f'[run]\npolicy = "{NAMED}"', "run --no-record --duration 0.1"),
-        (f'[drive]\npolicy = "{NAMED}"', "drive --page 127.0.0.1:0"),
+        (f'[run]\nrecovery = "{NAMED}"', "run --no-record --duration 0.1"),
+        (f'[drive]\nrecovery = "{NAMED}"', "drive --page 127.0.0.1:0"),
         (f'[commands.adapt]\noptimizer = "{NAMED}"', "adapt --failed-leg 2 --budget 1"),
         (f'[adapt]\nobjective = "{NAMED}"', "adapt --failed-leg 2 --budget 1"),
         (f'[study]\noptimizers = ["random", "{NAMED}"]', "study --out report"),

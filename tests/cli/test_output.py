@@ -83,7 +83,7 @@ def shown(capsys: pytest.CaptureFixture[str], **changes: Any) -> dict[str, str]:
         ({"clipped_ticks": 170}, "guard", "170 commands clipped, too fast"),
         ({"clipped_ticks": 9}, "guard", "9 of 500 commands clipped"),
         ({"clipped_ticks": 170, **LEG_5}, "guard", "170 commands clipped"),
-        ({"stopped": "leg 5 limp", **LEG_5, "status": "aborted"}, "next: the s", "ame with --policy glide"),
+        ({"stopped": "leg 5 limp", **LEG_5, "status": "aborted"}, "next: the s", "ame with --recovery glide"),
         ({**LEG_5, "status": "aborted", "warnings": HOT}, "next: let l", "eg 5 femur (id 15) cool down"),
         ({"stopped": "hot: leg 5 femur 72 C", "status": "aborted"}, "next: let l", "eg 5 femur cool down"),
         (SPOT, "walked", "10.0 s on the spot, ended 0.5 cm from the start"),
@@ -243,7 +243,7 @@ SHARED: dict[str, tuple[dict[str, Any], str]] = {
     "duration": ({"duration_s": 6.0}, "--duration 6"),
     "heading": ({"heading_rad": math.radians(20.0)}, "--heading 20"),
     "hold": ({"hold": "heading"}, "--hold heading"),
-    "policy": ({"policy": "stop"}, "--policy stop"),
+    "recovery": ({"recovery": "stop"}, "--recovery stop"),
     "self-rotation": ({"self_rotation": "front"}, "--self-rotation front"),
     "body-raise": ({"body_raise": 0.012}, "--body-raise 0.012"),
 }

@@ -11,7 +11,7 @@ from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.cli import completion
-from hexctl.control.monitor.recovery import WalkOn, make_policy
+from hexctl.control.monitor.recovery import WalkOn, make_recovery
 from hexctl.doctor.plugin_check import read_plugins
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.robot.loader import load_robot
@@ -78,7 +78,7 @@ def test_each_door_takes_a_plugin_by_its_name(install: Install) -> None:
     assert "outside" not in sys.modules, "the Tab key imports no plug-in"
     assert isinstance(make_optimizer("out", GaitSpace((5,)), 0), Optimizer)
     assert type(make_servos("out", BackendOptions(robot=load_robot("ant")))).__name__ == "Servos"
-    assert isinstance(make_policy("on"), WalkOn)
+    assert isinstance(make_recovery("on"), WalkOn)
     found = [one for one in read_plugins() if one.distribution == "outside"]
     assert [(one.name, one.error) for one in found] == [("out", None), ("out", None), ("on", None)]
 

@@ -105,8 +105,8 @@ def test_a_self_rotation_without_a_failed_leg_is_said_to_change_nothing(walk: Ca
     ("options", "code", "texts"),
     [
         ("", 0, ("failed     leg 5 locked at 3 s", "detected   leg 5 locked at 3.", "changed to slots")),
-        ("--policy stop", 4, ("stopped", "aborted (leg 5 locked)")),
-        ("--policy walk-on", 0, ("walked on", "next: the same with --policy glide")),
+        ("--recovery stop", 4, ("stopped", "aborted (leg 5 locked)")),
+        ("--recovery walk-on", 0, ("walked on", "next: the same with --recovery glide")),
     ],
 )
 def test_a_leg_dies_and_the_text_says_what_was_noticed_and_done(

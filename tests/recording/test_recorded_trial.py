@@ -81,7 +81,7 @@ def test_legs_that_failed_before_the_walk(read: RecordedTrial, tmp_path: Path) -
 @pytest.mark.slow
 def test_legs_that_fail_are_noticed_and_heal_in_a_walk(tmp_path: Path) -> None:
     path = tmp_path / "healed.rrd"
-    failing: dict[str, Any] = {"failure": "5:locked@1", "heal": ["5@2.5"], "policy": "walk-on"}
+    failing: dict[str, Any] = {"failure": "5:locked@1", "heal": ["5@2.5"], "recovery": "walk-on"}
     result = run(gait="tripod", duration_s=3.5, record=path, **failing)
     (noticed,) = result.trial.noticed
     assert noticed.at_s < 2.5

@@ -156,7 +156,7 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
     """A leg goes limp in mid-walk and heals, and the walk recovers both times."""
     broken: dict[str, Any] = {"failure": f"2:limp@{BROKEN_S}", "heal": [f"2@{HEALED_S}"]}
     path = tmp_path_factory.mktemp("failing") / "a.rrd"
-    return run(gait="tripod", duration_s=13.0, policy="glide", record=str(path), **broken)
+    return run(gait="tripod", duration_s=13.0, recovery="glide", record=str(path), **broken)
 
 
 @pytest.fixture(scope="module")
@@ -179,7 +179,7 @@ def test_events_have_the_times_of_the_summary(walked: RunResult, failing: ReadBa
     assert said["world: leg 2 whole again"] == pytest.approx(HEALED_S)
     assert said["noticed: leg 2 limp, by following"] == pytest.approx(noticed.at_s)
     assert said["noticed: leg 2 follows again"] == pytest.approx(healed.at_s)
-    assert said[f"policy: {healed.did}"] == pytest.approx(healed.at_s)
+    assert said[f"recovery: {healed.did}"] == pytest.approx(healed.at_s)
     assert said["walk begins"] == 0
 
 

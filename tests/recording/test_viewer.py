@@ -246,7 +246,7 @@ def test_what_is_sent_arrives_up_to_where_it_was_cut_off() -> None:
 
 
 def test_rows_that_cross_the_pipe_are_the_rows_of_the_log() -> None:
-    log = run(gait="tripod", duration_s=3.5, failure="2:limp@2.5", policy="glide", record=False).log
+    log = run(gait="tripod", duration_s=3.5, failure="2:limp@2.5", recovery="glide", record=False).log
     other = TickLog()
     for start in range(0, len(log), 7):
         sent = pickle.dumps(rows_of(log, start, min(start + 7, len(log))))

@@ -252,21 +252,21 @@ def test_what_a_script_has_defined_is_given_from_python() -> None:
 
 @pytest.mark.parametrize("name", ["ours", f"{__name__}:Counted", f"{__name__}:MADE"])
 def test_a_class_of_ones_own_is_made_as_a_shipped_one_is(name: str) -> None:
-    assert isinstance(made_of(name, {"ours": Counted}, Counted, "policy"), Counted)
+    assert isinstance(made_of(name, {"ours": Counted}, Counted, "recovery"), Counted)
 
 
 @pytest.mark.parametrize(
     ("name", "named"),
     [
-        ("hope", "policy"),
-        ("no.such.module:Hope", "policy"),
-        (f"{__name__}:Nothing", "policy"),
+        ("hope", "recovery"),
+        ("no.such.module:Hope", "recovery"),
+        (f"{__name__}:Nothing", "recovery"),
         ("pathlib:Path", "pathlib:Path"),
     ],
 )
 def test_what_is_not_of_the_kind_is_refused(name: str, named: str) -> None:
     with pytest.raises(InputError, match=named):
-        made_of(name, {"ours": Counted}, Counted, "policy")
+        made_of(name, {"ours": Counted}, Counted, "recovery")
 
 
 class Counted:

@@ -15,7 +15,7 @@ from hexctl.backends.mock import MockServos
 from hexctl.backends.registry import make_servos
 from hexctl.backends.sim.servos import SimClock
 from hexctl.backends.sim.world import World
-from hexctl.control.monitor.recovery import RecoveryPolicy, Response
+from hexctl.control.monitor.recovery import Recovery, Response
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import HexctlError, InputError
 from hexctl.export.lerobot import task_of
@@ -207,7 +207,7 @@ class TestFailuresInMidWalk:
         assert noticed["did"].startswith("changed to slots")
         assert TrialResult.from_dict(done.trial.to_dict()).noticed == done.trial.noticed
         texts = [text for _, text in done.log.notes]
-        assert [text.partition(":")[0] for text in texts] == ["noticed", "policy"]
+        assert [text.partition(":")[0] for text in texts] == ["noticed", "recovery"]
         walk = done.log.rows_of("walk").start
         assert {row - walk for row, _ in done.log.notes} == {round(50 * noticed["at_s"])}
         changes = [(change.by, change.row - walk) for change in done.log.leg_changes if change.failures]
@@ -217,7 +217,7 @@ class TestFailuresInMidWalk:
         self, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setattr("hexctl.runs.run.make_servos", lambda *given: WarningServos(make_servos(*given)))
-        done = run(gait="tripod", duration_s=6.0, failure="5:locked@1", policy="stop")
+        done = run(gait="tripod", duration_s=6.0, failure="5:locked@1", recovery="stop")
         (warning,) = done.outcome["warnings"]
         assert done.outcome["stopped"] == f"leg 5 locked; {warning}"
         assert done.log.notes[0] == (0, f"servos: {warning}"), "which are the events of a recording"
@@ -240,16 +240,16 @@ class TestFailuresInMidWalk:
             pass
 
     def test_a_simulation_may_be_asked_to_walk_on(self) -> None:
-        done = run(gait="tripod", duration_s=3.0, failure="5:locked@1", policy="walk-on")
+        done = run(gait="tripod", duration_s=3.0, failure="5:locked@1", recovery="walk-on")
         assert done.trial.status == "ok"
         assert [each.did for each in done.trial.noticed] == ["walked on"]
 
-    def test_a_policy_of_ones_own(self) -> None:
-        class Once(RecoveryPolicy):
+    def test_a_recovery_of_ones_own(self) -> None:
+        class Once(Recovery):
             def respond(self, *_args: object) -> Response:
                 return Response(stop=True)
 
-        done = run(gait="tripod", duration_s=3.0, failure="5:locked@1", policy=Once())
+        done = run(gait="tripod", duration_s=3.0, failure="5:locked@1", recovery=Once())
         assert done.trial.status == "aborted"
 
 
@@ -320,8 +320,8 @@ def test_legs_without_which_a_robot_hardly_walks_are_said_before_it_moves() -> N
         ({"failed_leg": (2, 5), "self_rotation": "rear"}, "2, 5"),
         ({"failure": [FailureEvent(at_s=3.0, leg=5)]}, "failure"),
         ({"heal": [FailureEvent(at_s=3.0, leg=5, failure=Failure(leg=5))]}, "heal"),
-        ({"policy": "run"}, "policy"),
-        ({"policy": "nowhere:Policy"}, "policy"),
+        ({"recovery": "run"}, "recovery"),
+        ({"recovery": "nowhere:Recovery"}, "recovery"),
         ({"hold": "heading", "trim_rad": 0.1, "turn_rate_rad_s": 0.1}, "trim_rad"),
     ],
     ids=lambda value: str(value)[:30],

@@ -108,6 +108,9 @@ def read_session(name: str, content: bytes) -> tuple[Session, dict[int, str]]:
 def _read_line(text: bytes) -> _Line:
     values = json.loads(text)
     state = values.pop("state", None)  # its optimizer checks it
+    spec = (values.get("session") or {}).get("spec") or {}
+    if "policy" in spec:  # the former name of `recovery`
+        spec["recovery"] = spec.pop("policy")
     line = _LINE.validate_python({**printable_parts(values), "state": state})
     if line.session is not None and (missing := _SPEC_FIELDS - set(values["session"]["spec"])):
         raise ValueError(f"spec: {min(missing)} is missing")

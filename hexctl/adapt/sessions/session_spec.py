@@ -17,7 +17,7 @@ from hexctl.recording.sessions.session_overview import METRES, mark_text, score_
 from hexctl.robot.failure import Failure
 
 #: Options that may name code, `module:Name`, with the argument that gives such a part instead.
-_PARTS = {"optimizer": "optimizer", "objective": "objective", "backend": "servos", "policy": "policy"}
+_PARTS = {"optimizer": "optimizer", "objective": "objective", "backend": "servos", "recovery": "recovery"}
 
 #: Begins names of the running script, which is loaded already.
 _SCRIPT = "__main__:"
@@ -25,7 +25,7 @@ _SCRIPT = "__main__:"
 #: Length of the secret that seals sessions, in hexadecimal.
 KEY_BYTES = 64
 
-#: The policy of sessions whose trials watch no legs.
+#: The recovery of sessions whose trials watch no legs.
 UNWATCHED = "walk-on"
 
 
@@ -64,7 +64,7 @@ class SessionSpec(AdaptOptions):
     self_rotation: SelfRotation = "rear"
     hold: Hold = "none"
     body_raise: float = 0.0
-    policy: str = UNWATCHED
+    recovery: str = UNWATCHED
     home_m: list[float] | None = None
 
     robot_fingerprint: str = ""

@@ -56,9 +56,9 @@ def _next_command(outcome: dict[str, Any], clear: str | None) -> list[str]:
         return [f"next: let {hot} cool down before it walks again"]
     failed = (outcome["failed_leg"], *outcome.get("further_failures", ()))
     may_walk = outcome["failed_leg"] and len(failed) <= MOST_LOST
-    ignored = _failed_legs_noticed(outcome) and outcome.get("options", {}).get("policy") == "walk-on"
+    ignored = _failed_legs_noticed(outcome) and outcome.get("options", {}).get("recovery") == "walk-on"
     if ignored or (outcome["status"] == "aborted" and _stopped_for_a_leg(outcome)):
-        return ["next: the same with --policy glide, which continues without the leg"]
+        return ["next: the same with --recovery glide, which continues without the leg"]
     if may_walk and "gait" not in outcome.get("options", {}) and _is_slow(outcome):
         return [f"next: the same with --gait {AUTO}, the most stable gait for the other legs"]
     if may_walk and _misses_its_line(outcome):
@@ -101,7 +101,7 @@ def _failed_legs_noticed(outcome: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _stopped_for_a_leg(outcome: dict[str, Any]) -> bool:
-    """Whether the policy `stop` ended a walk for legs without which a robot can walk."""
+    """Whether the recovery `stop` ended a walk for legs without which a robot can walk."""
     noticed = _failed_legs_noticed(outcome)
     failed = {each["leg"] for each in noticed} | {outcome["failed_leg"], *outcome.get("further_failures", ())}
     return bool(noticed) and noticed[-1]["did"] == "stopped" and len(failed - {None}) <= MOST_LOST

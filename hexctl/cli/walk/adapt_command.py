@@ -29,7 +29,7 @@ from hexctl.cli.shared_options import (
     QuietOption,
     TrialRecoverOption,
     arena_fields,
-    recovery_policy,
+    chosen_recovery,
 )
 from hexctl.cli.signature import with_options
 from hexctl.cli.walk.diagnose_command import found_failure
@@ -111,7 +111,7 @@ def adapt(
             raise InputError("--failed-leg: is missing; allowed: 1..6, auto (or --resume SESSION)")
         if search["failed_leg"] == AUTO_LEG:
             search["failed_leg"], search["failure"] = None, _diagnosed(search)
-        search["policy"] = recovery_policy(recover=recover, policy=search["policy"])
+        search["recovery"] = chosen_recovery(recover=recover, recovery=search["recovery"])
         asked = search | arena_fields(arena, search["robot"]) | {"baseline": not no_baseline}
         prepare = partial(_begun, asked)
     with StopOnInterrupt() as interrupt:  # loading takes a second

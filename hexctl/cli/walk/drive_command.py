@@ -72,7 +72,7 @@ def drive(
             backend=options.backend,
             gait=options.gait,
             body_raise=options.body_raise or None,
-            policy=options.policy,
+            recovery=options.recovery,
             hold=options.hold,
             level=options.level,
             feet=options.feet,

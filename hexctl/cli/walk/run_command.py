@@ -27,9 +27,9 @@ from hexctl.cli.shared_options import (
     NoRecordOption,
     RecoverOption,
     WalkArenaOption,
+    chosen_recovery,
     geofence,
     record_folder,
-    recovery_policy,
 )
 from hexctl.cli.signature import with_options
 from hexctl.cli.walk.connected_run import check_commanded, clear_command, connected
@@ -82,7 +82,7 @@ def run(
         raise InputError("--no-record: got --view too; allowed: one or the other")
     progress = _WalkProgress(walk["duration_s"], quiet=as_json)
     with _reporting_interrupts(progress), progress:
-        walk["policy"] = recovery_policy(recover=recover, policy=walk["policy"])
+        walk["recovery"] = chosen_recovery(recover=recover, recovery=walk["recovery"])
         spec = RunSpec(**walk, record_folder=record_folder(walk["record"], no_record=no_record))
         fence = None if arena is None else geofence(arena, str(spec.robot), simulated=spec.simulated)
         found = None

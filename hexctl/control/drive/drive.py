@@ -19,7 +19,7 @@ from hexctl.control.drive.drive_controller import DriveController
 from hexctl.control.guard import Guard
 from hexctl.control.log import Recorders
 from hexctl.control.loop import TickObserver, run_step
-from hexctl.control.monitor.recovery import RecoveryPolicy, default_policy, make_policy
+from hexctl.control.monitor.recovery import Recovery, default_recovery, make_recovery
 from hexctl.control.sit_down import sit_down
 from hexctl.control.trace import TrialFrame
 from hexctl.control.trial_plan import FEET, Feet
@@ -59,7 +59,7 @@ class Drive:
         servos: custom servos, not connected, with or without a `Guard`.
         gait: a name, a code, slots or a gait.
         body_raise: above the stance, -0.2 to 0.2 of the robot's size; None is that of the gait.
-        policy: for a failed leg: `glide`, `stop`, `walk-on`, `package.module:Class` or a policy; None is
+        recovery: for a failed leg: `glide`, `stop`, `walk-on`, `package.module:Class` or a recovery; None is
             `glide` in a simulation and `stop` elsewhere.
         hold: `auto` corrects slip by the measured pose or yaw; `none` does not.
         level: keep the body level by its measured roll and pitch.
@@ -81,7 +81,7 @@ class Drive:
         servos: LegServos | None = None,
         gait: str | int | Sequence[int] | Gait = "tripod",
         body_raise: float | None = None,
-        policy: str | RecoveryPolicy | None = None,
+        recovery: str | Recovery | None = None,
         hold: str = "auto",
         level: bool = False,
         feet: Feet = "planned",
@@ -112,9 +112,9 @@ class Drive:
         self.robot = self._guard.robot
         self.arbiter = Arbiter() if arbiter is None else arbiter
         check_type(self.arbiter, Arbiter, "arbiter", "an Arbiter")
-        if policy is None:
-            policy = default_policy(simulated=self._guard.simulation is not None)
-        self._policy = make_policy(policy) if isinstance(policy, str) else policy
+        if recovery is None:
+            recovery = default_recovery(simulated=self._guard.simulation is not None)
+        self._recovery = make_recovery(recovery) if isinstance(recovery, str) else recovery
         self._gait = self._gait_of(gait)
         if body_raise is not None:
             self._gait = replace(self._gait, posture=replace(self._gait.posture, body_raise=body_raise))
@@ -343,7 +343,7 @@ class Drive:
             self._guard.accepted_rad(),
             period_s=self._guard.clock.period_s,
             arbiter=self.arbiter,
-            policy=self._policy,
+            recovery=self._recovery,
             hold=self._hold == "auto",
             level=self._level,
             failures=self._known,

@@ -11,7 +11,7 @@ from hexctl.control.drive.arbiter import Arbiter, Decision
 from hexctl.control.drive.drive_walk import DriveWalk
 from hexctl.control.drive.velocity_hold import VelocityHold
 from hexctl.control.monitor.monitored_walk import MonitoredWalk
-from hexctl.control.monitor.recovery import RecoveryPolicy
+from hexctl.control.monitor.recovery import Recovery
 from hexctl.control.planning.speed_envelope import VelocityLimits
 from hexctl.control.preparation import WalkStart
 from hexctl.control.telemetry_watch import Temperatures, pace
@@ -31,7 +31,7 @@ class DriveController(Controller):
     """Follows an arbiter's velocity and body pose within limits; stands up first, and sits on request.
 
     A stop freezes the robot in any mode: its steps and motions continue where they were once the stop is
-    cleared. With warm servos the velocity is reduced before the guard stops the robot. If the policy stops
+    cleared. With warm servos the velocity is reduced before the guard stops the robot. If the recovery stops
     the robot after a failure, it comes to a stand, and the arbiter is stopped until it is cleared.
 
     Attributes:
@@ -48,7 +48,7 @@ class DriveController(Controller):
         *,
         period_s: float,
         arbiter: Arbiter,
-        policy: RecoveryPolicy,
+        recovery: Recovery,
         hold: bool = True,
         level: bool = False,
         failures: Sequence[Failure] = (),
@@ -56,7 +56,7 @@ class DriveController(Controller):
     ) -> None:
         check_type(arbiter, Arbiter, "arbiter", "an Arbiter")
         self._robot, self._gait, self._period_s = robot, gait, period_s
-        self._arbiter, self._policy = arbiter, policy
+        self._arbiter, self._recovery = arbiter, recovery
         self._known, self._feet = tuple(failures), feet
         self._hold = VelocityHold() if hold else None
         self._level = level
@@ -261,13 +261,13 @@ class DriveController(Controller):
         plan = TrialPlan(gait=plain, failures=self._known, level=self._level, feet=self._feet)
         start = WalkStart(robot=self._robot, plans=(plan,), period_s=self._period_s)
         self.walk = DriveWalk(start, lambda: self._asked)
-        self._monitored = MonitoredWalk(start, self.walk, self._policy)
+        self._monitored = MonitoredWalk(start, self.walk, self._recovery)
         if gait != plain:
             self.walk.change_gait(gait)
 
     def _suited(self, gait: Gait) -> Gait:
-        """The policy's gait for the legs without a known failure."""
+        """The recovery's gait for the legs without a known failure."""
         if not self._known:
             return gait
-        response = self._policy.respond(self._robot, TrialPlan(gait=gait), 0.0, self._known)
+        response = self._recovery.respond(self._robot, TrialPlan(gait=gait), 0.0, self._known)
         return gait if response.gait is None else response.gait

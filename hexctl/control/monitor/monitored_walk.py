@@ -1,4 +1,4 @@
-"""A walk that detects failed legs, and follows its policy's response."""
+"""A walk that detects failed legs, and follows its recovery's response."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -16,7 +16,7 @@ from hexctl.control.monitor.posture_trial import PostureTrial
 from hexctl.control.monitor.recovery import (
     MOST_RECOVERED,
     GlideToStableGait,
-    RecoveryPolicy,
+    Recovery,
     Response,
     StopWalking,
     WalkOn,
@@ -55,24 +55,24 @@ class Noticed:
 
 
 class MonitoredWalk(Controller):
-    """Monitors the legs of a walk, and follows a policy; only a `VelocityWalk` changes its gait."""
+    """Monitors the legs of a walk, and follows a recovery; only a `VelocityWalk` changes its gait."""
 
-    def __init__(self, start: WalkStart, walk: Controller, policy: RecoveryPolicy) -> None:
+    def __init__(self, start: WalkStart, walk: Controller, recovery: Recovery) -> None:
         check_type(start, WalkStart, "start", "a WalkStart, as a trial gives to its controller")
         check_type(walk, Controller, "walk", "a Controller, as planned_walk(start) gives")
-        check_type(policy, RecoveryPolicy, "policy", "a RecoveryPolicy")
+        check_type(recovery, Recovery, "recovery", "a Recovery")
         self.walk, self.hold = walk, walk.hold
-        self._start, self._policy, self._plans = start, policy, list(start.plans)
+        self._start, self._recovery, self._plans = start, recovery, list(start.plans)
         if isinstance(walk, VelocityWalk):
             walk.suited = self._suited
         self._headings_rad = [motion.heading_rad for motion in start.motions]
         self._failures = [list(plan.failures) for plan in start.plans]
         self.noticed: tuple[list[Noticed], ...] = tuple([] for _ in start.plans)
         for plan, heading_rad in zip(start.plans, self._headings_rad, strict=True):
-            policy.prepare(start.robot, plan, heading_rad)
+            recovery.prepare(start.robot, plan, heading_rad)
         self._stopping = False
         self._stopped: dict[int, str] = {}
-        self._trouble = ""  # error of the policy
+        self._trouble = ""  # error of the recovery
         self._unsettled: list[tuple[int, int, int, float]] = []
         self._probes: dict[tuple[int, int], LegProbe] = {}
         self._first_tries: dict[tuple[int, int], float] = {}
@@ -146,18 +146,18 @@ class MonitoredWalk(Controller):
         return targets_rad
 
     def done(self, step: int, state: RobotState) -> bool | BoolArray:
-        """Whether the walk has ended, or its policy stops it, leading shape."""
+        """Whether the walk has ended, or its recovery stops it, leading shape."""
         if not self._stopped:
             return self.walk.done(step, state)
-        by_policy = self._each([index in self._stopped for index in range(len(self.noticed))])
-        return np.asarray(by_policy | self.walk.done(step, state))
+        by_recovery = self._each([index in self._stopped for index in range(len(self.noticed))])
+        return np.asarray(by_recovery | self.walk.done(step, state))
 
     def why_stopped(self, index: int = 0) -> str | None:
-        """The failure for which the policy has stopped a walk, or None."""
+        """The failure for which the recovery has stopped a walk, or None."""
         return self._stopped.get(index)
 
     def walk_on(self) -> None:
-        """Continue although the policy has stopped walks; failed legs stay known."""
+        """Continue although the recovery has stopped walks; failed legs stay known."""
         self._stopped.clear()
         self._unsettled.clear()  # a new evaluation of the kind would stop it again
 
@@ -308,10 +308,10 @@ class MonitoredWalk(Controller):
             self._hurry(index, trial.haste)
             if (haste := trial.rise()) is not None:
                 pace_hz = haste * trial.gait.pace_hz
-                self._tell(f"policy: slow on this posture; pace raised to {pace_hz:.2f} Hz")
+                self._tell(f"recovery: slow on this posture; pace raised to {pace_hz:.2f} Hz")
             if gait is not None:
                 wanted[index] = gait
-                self._tell(f"policy: slow; body height changed to {gait.posture.body_raise:+.3f} of the size")
+                self._tell(f"recovery: slow; body height now {gait.posture.body_raise:+.3f} of the size")
         if wanted:
             self._monitor.gait_changes(self._each([index in wanted for index in range(len(self.noticed))]))
             self._change_gaits(wanted)
@@ -415,15 +415,15 @@ class MonitoredWalk(Controller):
         return suited
 
     def _answer(self, index: int, failures: list[Failure]) -> Response:
-        """The policy's response; a policy that fails stops the walk softly, and is named."""
-        plan, name = self._plans[index], type(self._policy).__name__
+        """The recovery's response; a recovery that fails stops the walk softly, and is named."""
+        plan, name = self._plans[index], type(self._recovery).__name__
         try:
-            response = self._policy.respond(self._start.robot, plan, self._headings_rad[index], failures)
+            response = self._recovery.respond(self._start.robot, plan, self._headings_rad[index], failures)
         except Exception as error:  # noqa: BLE001  whatever it is, the robot is still walking
-            self._trouble = f"policy {name}: {type(error).__name__}: {error}"
+            self._trouble = f"recovery {name}: {type(error).__name__}: {error}"
             return Response(stop=True)
         if not isinstance(response, Response):
-            self._trouble = f"policy {name}: respond gave {response!r}; allowed: a Response"
+            self._trouble = f"recovery {name}: respond gave {response!r}; allowed: a Response"
             return Response(stop=True)
         return response
 
@@ -437,9 +437,9 @@ def _steady(walk: Controller) -> bool:
     return isinstance(walk, (SteeredWalk, MotionWalk, Walk))
 
 
-def recovering_walk(policy: RecoveryPolicy | None = None) -> Callable[[WalkStart], MonitoredWalk]:
-    """Factory of walks that recover, for `run_trial`; policy None glides to a gait for the intact legs."""
-    decides = GlideToStableGait() if policy is None else policy
+def recovering_walk(recovery: Recovery | None = None) -> Callable[[WalkStart], MonitoredWalk]:
+    """Factory of walks that recover, for `run_trial`; recovery None glides to a gait for the intact legs."""
+    decides = GlideToStableGait() if recovery is None else recovery
 
     def make(start: WalkStart) -> MonitoredWalk:
         hold = held(start.plans[0], start.frame)
@@ -450,8 +450,8 @@ def recovering_walk(policy: RecoveryPolicy | None = None) -> Callable[[WalkStart
     return make
 
 
-def watched_walk(policy: RecoveryPolicy) -> Callable[[WalkStart], MonitoredWalk]:
-    """Factory of monitored walks; if the policy changes no gait, equal to the plans' walks bit by bit."""
-    if type(policy) not in (WalkOn, StopWalking):
-        return recovering_walk(policy)
-    return lambda start: MonitoredWalk(start, planned_walk(start), policy)
+def watched_walk(recovery: Recovery) -> Callable[[WalkStart], MonitoredWalk]:
+    """Factory of monitored walks; if the recovery changes no gait, equal to the plans' walks bit by bit."""
+    if type(recovery) not in (WalkOn, StopWalking):
+        return recovering_walk(recovery)
+    return lambda start: MonitoredWalk(start, planned_walk(start), recovery)

@@ -56,7 +56,7 @@ class Response:
     @property
     def lines(self) -> tuple[str, ...]:
         """Response and reason, in short lines for a recording."""
-        return (f"policy: {self.did}", *([f"why: {self.why}"] if self.why else []))
+        return (f"recovery: {self.did}", *([f"why: {self.why}"] if self.why else []))
 
     @property
     def did(self) -> str:
@@ -70,7 +70,7 @@ class Response:
         return f"changed to {'a crawl, ' if crawls else ''}{slots}"
 
 
-class RecoveryPolicy(ABC):
+class Recovery(ABC):
     """Decides how walks respond to failed legs; custom subclasses have a constructor without arguments."""
 
     def prepare(self, robot: Robot, plan: TrialPlan, heading_body_rad: float) -> None:  # noqa: B027
@@ -83,7 +83,7 @@ class RecoveryPolicy(ABC):
         """The response to all failures assumed now; called within a tick."""
 
 
-class WalkOn(RecoveryPolicy):
+class WalkOn(Recovery):
     """Changes nothing: the walk reports its suspicions, and continues."""
 
     def respond(
@@ -93,7 +93,7 @@ class WalkOn(RecoveryPolicy):
         return Response()
 
 
-class StopWalking(RecoveryPolicy):
+class StopWalking(Recovery):
     """Comes softly to a stand: the default on real robots."""
 
     def respond(
@@ -103,7 +103,7 @@ class StopWalking(RecoveryPolicy):
         return Response(stop=True)
 
 
-class GlideToStableGait(RecoveryPolicy):
+class GlideToStableGait(Recovery):
     """Glides to the best gait for the intact legs: by the repertoire, else the most stable one.
 
     That is `gait_without`, or a faster gait in the repertoire. A walk faster than the robot's own continues
@@ -219,19 +219,19 @@ def _sunk(robot: Robot, gait: Gait, direction: int) -> Gait | None:
     return low if legs_that_reach(robot, feet).all() else None
 
 
-def default_policy(*, simulated: bool, failures_come: bool = True) -> str:
-    """Name of the default policy: `stop` on real robots, else `glide`, without failures `walk-on`."""
+def default_recovery(*, simulated: bool, failures_come: bool = True) -> str:
+    """Name of the default recovery: `stop` on real robots, else `glide`, without failures `walk-on`."""
     return "stop" if not simulated else "glide" if failures_come else "walk-on"
 
 
-#: Policies by name.
-POLICIES: dict[str, type[RecoveryPolicy]] = {
+#: Recoveries by name.
+RECOVERIES: dict[str, type[Recovery]] = {
     "walk-on": WalkOn,
     "stop": StopWalking,
     "glide": GlideToStableGait,
 }
 
 
-def make_policy(name: str) -> RecoveryPolicy:
-    """Policy of a name in `POLICIES`, a plug-in's, or `package.module:Class`; raises InputError otherwise."""
-    return made_of(name, POLICIES, RecoveryPolicy, "policy", "recoveries")  # type: ignore[type-abstract]
+def make_recovery(name: str) -> Recovery:
+    """Recovery of a name in `RECOVERIES`, of a plug-in, or `package.module:Class`; or InputError."""
+    return made_of(name, RECOVERIES, Recovery, "recovery", "recoveries")  # type: ignore[type-abstract]

@@ -8,7 +8,7 @@ import numpy as np
 from hexctl.control.drive.arbiter import Arbiter, Velocity
 from hexctl.control.drive.drive_controller import DriveController
 from hexctl.control.guard import Guard
-from hexctl.control.monitor.recovery import default_policy, make_policy
+from hexctl.control.monitor.recovery import default_recovery, make_recovery
 from hexctl.errors import CommandRefusedError, EStopError, HexctlError, RobotFaultError
 from hexctl.gait.body_pose import LEVEL, BodyPose
 from hexctl.server.idle import IdleSupervisor
@@ -176,7 +176,7 @@ class RosDriver:
         self._sits = False
         self._source.release()
         self._pose = LEVEL
-        self._arbiter.clear()  # a stop by the policy
+        self._arbiter.clear()  # a stop by the recovery
         pilot.stand()
         return "standing up"
 
@@ -234,7 +234,7 @@ class RosDriver:
             start_rad,
             period_s=guard.clock.period_s,
             arbiter=self._arbiter,
-            policy=make_policy(default_policy(simulated=guard.simulation is not None)),
+            recovery=make_recovery(default_recovery(simulated=guard.simulation is not None)),
             level=self._applied.level,
         )
         return self._pilot

@@ -13,7 +13,7 @@ from hexctl.control.batch import SimTrial
 from hexctl.control.controllers import Controller
 from hexctl.control.custom_controller import StepFunction
 from hexctl.control.monitor.monitored_walk import recovering_walk
-from hexctl.control.monitor.recovery import GlideToStableGait, RecoveryPolicy, Response, WalkOn
+from hexctl.control.monitor.recovery import GlideToStableGait, Recovery, Response, WalkOn
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.steered_walk import SteeredWalk
@@ -154,16 +154,16 @@ def by_shapes(search: Callable[[SimTrial], ShapeSearch]) -> ByTrials[FloatArray]
     return ByTrials(rehearse=partial(search_shapes, search), walk=shaped_walk)
 
 
-def watched(policy: RecoveryPolicy) -> ControllerMethod:
-    """Walks with a monitor, and a policy for the failures it finds."""
-    make = recovering_walk(policy)
+def watched(recovery: Recovery) -> ControllerMethod:
+    """Walks with a monitor, and a recovery for the failures it finds."""
+    make = recovering_walk(recovery)
     return ControllerMethod(make=lambda start, _: make(start), notices=True)
 
 
-def stopping(policy: RecoveryPolicy) -> ControllerMethod:
+def stopping(recovery: Recovery) -> ControllerMethod:
     """Stops at the monitor's alarm, makes the standing test, and continues with its result."""
     return ControllerMethod(
-        make=lambda start, _: StopAndDiagnoseWalk(start, policy), notices=True, alone=True
+        make=lambda start, _: StopAndDiagnoseWalk(start, recovery), notices=True, alone=True
     )
 
 
@@ -175,17 +175,17 @@ class ToldWalk(Controller):
     """
 
     def __init__(
-        self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]], policy: RecoveryPolicy
+        self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]], recovery: Recovery
     ) -> None:
         self.hold = held(start.plans[0], start.frame)
         self.walk: VelocityWalk = (
             MotionWalk(start) if self.hold == "none" else SteeredWalk(start, hold=self.hold)
         )
         self.walk.leave_plain()  # walks change their gaits at different times
-        self._start, self._policy = start, policy
+        self._start, self._recovery = start, recovery
         self._headings_rad = [motion.heading_rad for motion in start.motions]
         for plan, heading_rad in zip(start.plans, self._headings_rad, strict=True):
-            policy.prepare(start.robot, plan, heading_rad)
+            recovery.prepare(start.robot, plan, heading_rad)
         self._to_come = [list(events) for events in to_come]
         self._failures: list[dict[int, Failure]] = [{} for _ in start.plans]
         self._stopped: dict[int, str] = {}
@@ -207,11 +207,11 @@ class ToldWalk(Controller):
         return self.walk.targets_rad(step, state)
 
     def done(self, step: int, state: RobotState) -> BoolArray:
-        """Whether the policy has stopped each walk, (n,)."""
+        """Whether the recovery has stopped each walk, (n,)."""
         return np.array([index in self._stopped for index in range(len(self._to_come))])
 
     def why_stopped(self, index: int = 0) -> str | None:
-        """The failures for which the policy has stopped a walk, or None."""
+        """The failures for which the recovery has stopped a walk, or None."""
         return self._stopped.get(index)
 
     def _response(self, index: int, now: Sequence[FailureEvent]) -> Response:
@@ -222,7 +222,7 @@ class ToldWalk(Controller):
             else:
                 known[event.leg] = event.failure
         plan, heading_rad = self._start.plans[index], self._headings_rad[index]
-        response = self._policy.respond(self._start.robot, plan, heading_rad, list(known.values()))
+        response = self._recovery.respond(self._start.robot, plan, heading_rad, list(known.values()))
         if response.stop:
             failed = (f"leg {leg} {in_words(failure)}" for leg, failure in sorted(known.items()))
             self._stopped.setdefault(index, ", ".join(failed))
@@ -234,7 +234,7 @@ METHODS: dict[str, Callable[[], RecoveryMethod]] = {
     # The monitor detects failures, and the gait stays as it is.
     "nothing": lambda: watched(WalkOn()),
     # An oracle knows leg and kind in the tick of the failure, then glides to the gait of `recover`.
-    "told": lambda: ControllerMethod(make=partial(ToldWalk, policy=GlideToStableGait())),
+    "told": lambda: ControllerMethod(make=partial(ToldWalk, recovery=GlideToStableGait())),
     # At the monitor's alarm the walk glides to a stable gait.
     "recover": lambda: watched(GlideToStableGait()),
     # At the monitor's alarm the robot stops, makes the standing test, and continues with its result.

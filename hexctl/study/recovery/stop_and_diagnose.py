@@ -7,7 +7,7 @@ from hexctl.control.controllers import Controller, Stand, soft_stop_steps
 from hexctl.control.diagnosis.leg_findings import Diagnosis, diagnosis_of, unsafe_legs
 from hexctl.control.diagnosis.standing_test import ALL_PROBES, Probe, StandingTest
 from hexctl.control.monitor.monitored_walk import MonitoredWalk
-from hexctl.control.monitor.recovery import RecoveryPolicy, WalkOn
+from hexctl.control.monitor.recovery import Recovery, WalkOn
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.steered_walk import SteeredWalk
@@ -24,20 +24,18 @@ class StopAndDiagnoseWalk(Controller):
     """Walks one robot until its monitor raises an alarm; stops, makes the standing test, and continues.
 
     The alarm only starts the test; the test finds leg and kind of failure. The walk then starts again,
-    softly, on the original line, with the gait of the policy for these failures. It stops again for another
+    softly, on the original line, with the gait of the recovery for these failures. It stops again for another
     leg.
 
     Attributes:
         walk: the current one; after a stop it knows the failures that the standing tests have found.
     """
 
-    def __init__(
-        self, start: WalkStart, policy: RecoveryPolicy, *, probes: Sequence[Probe] = ALL_PROBES
-    ) -> None:
-        self._start, self._policy, self._probes = start, policy, probes
+    def __init__(self, start: WalkStart, recovery: Recovery, *, probes: Sequence[Probe] = ALL_PROBES) -> None:
+        self._start, self._recovery, self._probes = start, recovery, probes
         self._plan, self._heading_rad = start.plans[0], start.motions[0].heading_rad
         self.hold = held(self._plan, start.frame)
-        policy.prepare(start.robot, self._plan, self._heading_rad)
+        recovery.prepare(start.robot, self._plan, self._heading_rad)
         self._failures: tuple[Failure, ...] = ()
         self._noticed: list[NoticedFailure] = []
         self._given_up: str | None = None
@@ -59,11 +57,11 @@ class StopAndDiagnoseWalk(Controller):
         return self._sent_rad
 
     def done(self, step: int, state: RobotState) -> bool:
-        """Whether its policy has ended it."""
+        """Whether its recovery has ended it."""
         return self._given_up is not None
 
     def why_stopped(self, index: int = 0) -> str | None:
-        """The failures for which its policy has ended it; None if it has not."""
+        """The failures for which its recovery has ended it; None if it has not."""
         return self._given_up
 
     def noticed_failures(self, index: int = 0) -> tuple[NoticedFailure, ...]:
@@ -121,7 +119,7 @@ class StopAndDiagnoseWalk(Controller):
         """A walk from standing, on the original line, with the gait for the remaining legs."""
         plan = self._plan
         if self._failures:
-            found = self._policy.respond(self._start.robot, plan, self._heading_rad, self._failures)
+            found = self._recovery.respond(self._start.robot, plan, self._heading_rad, self._failures)
             plan = plan if found.gait is None else replace(plan, gait=found.gait)
             if found.stop:
                 self._given_up = ", ".join(map(failure_text, self._failures))

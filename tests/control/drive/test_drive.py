@@ -92,7 +92,7 @@ def test_a_leg_dies_and_the_command_still_means_forward() -> None:
 
 def test_events_of_a_simulation_count_from_when_the_robot_first_stands() -> None:
     events = (parse_failure_event("3:limp@0.5"), parse_healing("3@1"))
-    with Drive("ant", events=events, policy="walk-on") as drive:
+    with Drive("ant", events=events, recovery="walk-on") as drive:
         for _ in range(2):  # and again after a reset
             drive.reset()
             broken = []
@@ -113,8 +113,8 @@ def test_events_of_a_simulation_count_from_when_the_robot_first_stands() -> None
 
 
 @pytest.mark.slow
-def test_where_the_policy_stops_the_robot_it_stands_until_told_to_stand() -> None:
-    with Drive("ant", policy="stop") as drive:
+def test_where_the_recovery_stops_the_robot_it_stands_until_told_to_stand() -> None:
+    with Drive("ant", recovery="stop") as drive:
         drive.reset()
         drive.command(forward_m_s=0.1)
         walked(drive, 4.0)
@@ -278,13 +278,13 @@ def test_sources_outweigh_the_program_a_stop_outweighs_them_and_ticks_are_record
 
 def test_a_real_robot_stops_when_a_leg_fails_unless_told_otherwise() -> None:
     drive = Drive(servos=MockServos(shipped()))
-    assert isinstance(drive._policy, StopWalking)
+    assert isinstance(drive._recovery, StopWalking)
 
 
 def test_what_is_not_allowed_is_refused_before_anything_is_opened() -> None:
     for options, named in (
         ({"backend": "mock", "world": "rough"}, "world"),
-        ({"policy": "pray"}, "policy"),
+        ({"recovery": "pray"}, "recovery"),
         ({"hold": "line"}, "hold"),
     ):
         with pytest.raises(InputError, match=named):
@@ -314,7 +314,7 @@ def test_one_wild_reading_of_a_joint_neither_stops_a_walk_nor_accuses_a_leg() ->
         state.joint_positions_rad[4] += 1.5 * (next(reads) == 217)
         return state
 
-    with Drive(servos=Faulty(SimServos("ant"), wild_once), policy="stop") as drive:
+    with Drive(servos=Faulty(SimServos("ant"), wild_once), recovery="stop") as drive:
         drive.command(forward_m_s=drive.share(forward=0.8).forward_m_s)
         for _ in range(280):
             drive.step()

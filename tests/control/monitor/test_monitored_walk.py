@@ -24,7 +24,7 @@ from hexctl import (
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.monitor.leg_monitor import Suspicion
 from hexctl.control.monitor.monitored_walk import MonitoredWalk, recovering_walk
-from hexctl.control.monitor.recovery import RecoveryPolicy, Response, StopWalking, WalkOn
+from hexctl.control.monitor.recovery import Recovery, Response, StopWalking, WalkOn
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial import planned_walk
 from hexctl.control.trial_plan import GaitChange
@@ -50,16 +50,16 @@ def _trial(*events: str, duration_s: float = 10.0, hold: str = "line", **given: 
 class Kept(list[MonitoredWalk]):
     """Makes recovering walks, and keeps them."""
 
-    policy: RecoveryPolicy | None = None
+    recovery: Recovery | None = None
 
     def make(self, start: WalkStart) -> MonitoredWalk:
-        self.append(recovering_walk(self.policy)(start))
+        self.append(recovering_walk(self.recovery)(start))
         return self[-1]
 
 
-def _walk(trial: SimTrial, policy: RecoveryPolicy | None = None) -> tuple[TrialResult, MonitoredWalk]:
+def _walk(trial: SimTrial, recovery: Recovery | None = None) -> tuple[TrialResult, MonitoredWalk]:
     walks = Kept()
-    walks.policy = policy
+    walks.recovery = recovery
     return run_sim_trial(trial, walks.make), walks[0]
 
 
@@ -135,7 +135,7 @@ def test_the_robot_can_stop_instead_and_says_why() -> None:
 
 
 @pytest.mark.slow
-def test_a_policy_stops_one_walk_of_a_batch_and_no_other() -> None:
+def test_a_recovery_stops_one_walk_of_a_batch_and_no_other() -> None:
     trials = [_trial(*events, duration_s=6.0) for events in (["5:locked@3"], [], ["2:limp@4"])]
     together = run_sim_trials(trials, make_controller=recovering_walk(StopWalking()), apart=True)
     assert [result.stopped for result in together] == ["leg 5 locked", None, "leg 2 limp"]
@@ -168,8 +168,8 @@ def test_watching_alone_changes_no_walk() -> None:
     assert [noticed.suspicion.leg for noticed in walks[0].noticed[0]] == [5]
 
 
-def test_what_is_no_policy_is_refused() -> None:
-    with pytest.raises(WrongTypeError, match="policy"):
+def test_what_is_no_recovery_is_refused() -> None:
+    with pytest.raises(WrongTypeError, match="recovery"):
         run_sim_trial(
             _trial(duration_s=1.0),
             lambda given: MonitoredWalk(given, planned_walk(given), "recover"),  # type: ignore[arg-type]
@@ -262,11 +262,11 @@ def test_accusations_in_any_order_leave_each_leg_believed_once(
 
 
 def _walk_with(
-    fault: Fault, *events: str, policy: RecoveryPolicy | None = None, **plan: Any
+    fault: Fault, *events: str, recovery: Recovery | None = None, **plan: Any
 ) -> tuple[TrialResult, MonitoredWalk]:
     """A walk whose sensors show something else than what is."""
     trial, walks = _trial(*events, **plan), Kept()
-    walks.policy = policy
+    walks.recovery = recovery
     with Guard(Faulty(trial.servos(), fault)) as guard:
         return run_trial(guard, trial.plan, walks.make), walks[0]
 
@@ -299,7 +299,7 @@ def test_a_sensor_that_freezes_costs_a_leg_and_no_fall(joint: int) -> None:
     assert abs(result.deviation.final) < 0.03
 
 
-class Tries(RecoveryPolicy):
+class Tries(Recovery):
     """Keeps the gait, with a posture to try."""
 
     def respond(self, robot: Robot, plan: TrialPlan, *_: object) -> Response:
@@ -314,27 +314,27 @@ def test_a_robot_that_falls_short_tells_its_higher_pace_and_still_finds_a_weak_j
         assert state.base_position_world is not None
         return replace(state, base_position_world=0.8 * state.base_position_world)
 
-    _, walk = _walk_with(shortened, "5:missing@3", "2:weak:femur:0.4@12", policy=Tries(), duration_s=16.0)
-    assert "policy: slow on this posture; pace raised to 1.35 Hz" in walk.news()
+    _, walk = _walk_with(shortened, "5:missing@3", "2:weak:femur:0.4@12", recovery=Tries(), duration_s=16.0)
+    assert "recovery: slow on this posture; pace raised to 1.35 Hz" in walk.news()
     assert str(walk.noticed[0][-1].suspicion).startswith("leg 2 femur weak"), "found at that pace too"
 
 
-class Raises(RecoveryPolicy):
-    """A policy with a mistake in it."""
+class Raises(Recovery):
+    """A recovery with a mistake in it."""
 
     def respond(self, *_: object) -> Response:
         raise ValueError("boom")
 
 
 @pytest.mark.slow
-def test_a_policy_that_fails_stops_the_walk_softly_and_is_named() -> None:
+def test_a_recovery_that_fails_stops_the_walk_softly_and_is_named() -> None:
     result, _ = _walk(_trial("2:limp@3", duration_s=5.0), Raises())
     assert result.status == "aborted"
     assert result.stopped is not None
-    assert result.stopped.startswith("leg 2 limp; policy Raises: ")
+    assert result.stopped.startswith("leg 2 limp; recovery Raises: ")
 
 
-class OnSecondThought(RecoveryPolicy):
+class OnSecondThought(Recovery):
     """Walks on with what it hears first of a failure, and in a wave once that is known better."""
 
     def __init__(self) -> None:
@@ -350,13 +350,13 @@ class OnSecondThought(RecoveryPolicy):
         return Response(gait=make_gait(robot, "wave"))
 
 
-def test_once_more_is_known_of_a_failure_the_policy_is_asked_again() -> None:
+def test_once_more_is_known_of_a_failure_the_recovery_is_asked_again() -> None:
     """Where a joint is stuck is measured better 0.4 cycles later."""
-    policy = OnSecondThought()
-    result, walk = _walk(_trial("2:stuck:tibia@4.6", duration_s=7.0), policy)
+    recovery = OnSecondThought()
+    result, walk = _walk(_trial("2:stuck:tibia@4.6", duration_s=7.0), recovery)
     ((noticed,),) = walk.noticed
-    assert len(policy.heard) == 2
-    assert noticed.suspicion.failure == policy.heard[-1]
+    assert len(recovery.heard) == 2
+    assert noticed.suspicion.failure == recovery.heard[-1]
     assert isinstance(walk.walk, VelocityWalk)
     assert walk.walk.gaits == [make_gait(shipped(), "wave")]
     (told,) = result.noticed

@@ -1,4 +1,4 @@
-"""What policies decide, and the repertoires that they look into."""
+"""What recoveries decide, and the repertoires that they look into."""
 
 import json
 import math
@@ -53,12 +53,12 @@ STUCK = Failure(leg=2, kind="stuck", joint="femur")
 
 
 def test_nothing_a_stop_and_the_plan_once_all_legs_are_whole() -> None:
-    policy, plan = GlideToStableGait(), _plan()
+    glide, plan = GlideToStableGait(), _plan()
     assert WalkOn().respond(shipped(), plan, 0.0, (Failure(leg=2),)) == Response()
     assert StopWalking().respond(shipped(), plan, 0.0, (Failure(leg=2),)) == Response(stop=True)
-    assert policy.respond(shipped(), plan, 0.0, ()) == Response(gait=plan.gait)
+    assert glide.respond(shipped(), plan, 0.0, ()) == Response(gait=plan.gait)
     without_three = [Failure(leg=leg, kind="limp") for leg in (1, 3, 5)]
-    assert policy.respond(shipped(), plan, 0.0, without_three) == Response(stop=True)
+    assert glide.respond(shipped(), plan, 0.0, without_three) == Response(stop=True)
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
@@ -66,8 +66,8 @@ def test_nothing_a_stop_and_the_plan_once_all_legs_are_whole() -> None:
 def test_failed_legs_are_tucked_and_the_others_walk_a_gait_of_their_own(
     name: str, legs: tuple[int, ...]
 ) -> None:
-    policy, plan = GlideToStableGait(), _plan(name)
-    response = policy.respond(shipped(name), plan, 0.0, [Failure(leg=leg) for leg in legs])
+    glide, plan = GlideToStableGait(), _plan(name)
+    response = glide.respond(shipped(name), plan, 0.0, [Failure(leg=leg) for leg in legs])
     assert response.gait is not None
     assert response.gait.posture.tucked_legs == legs
     assert response.gait.posture.body_raise > 0
@@ -158,12 +158,12 @@ def test_the_posture_of_the_plan_is_kept() -> None:
 
 def test_gaits_are_ready_before_the_walk() -> None:
     """A response within a tick only looks them up."""
-    policy, plan = GlideToStableGait(), _plan()
-    policy.prepare(shipped(), plan, 0.5)
+    glide, plan = GlideToStableGait(), _plan()
+    glide.prepare(shipped(), plan, 0.5)
     known = crawl._gait_without.cache_info().misses
     for leg in range(1, 7):
-        policy.respond(shipped(), plan, 0.5, [Failure(leg=leg, kind="locked")])
-        policy.respond(shipped(), plan, 0.5, [Failure(leg=leg), Failure(leg=leg % 6 + 1)])
+        glide.respond(shipped(), plan, 0.5, [Failure(leg=leg, kind="locked")])
+        glide.respond(shipped(), plan, 0.5, [Failure(leg=leg), Failure(leg=leg % 6 + 1)])
     assert crawl._gait_without.cache_info().misses == known
 
 
@@ -207,11 +207,11 @@ def test_what_the_repertoire_has_not_walked_is_left_to_the_margin(
 def test_a_repertoire_is_read_before_the_walk_only(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     save_repertoire(made_up(), tmp_path / "runs" / "repertoires" / "ant.npz")
     monkeypatch.chdir(tmp_path)
-    policy, unprepared, without = GlideToStableGait(), GlideToStableGait(), GlideToStableGait(None)
-    for prepared in (policy, without):
+    glide, unprepared, without = GlideToStableGait(), GlideToStableGait(), GlideToStableGait(None)
+    for prepared in (glide, without):
         prepared.prepare(shipped(), _plan(), 0.0)
     monkeypatch.setattr(recovery, "find_repertoire", None)
-    assert policy.respond(shipped(), _plan(), 0.0, [STUCK]).stays
+    assert glide.respond(shipped(), _plan(), 0.0, [STUCK]).stays
     for other in (unprepared, without):
         assert not other.respond(shipped(), _plan(), 0.0, [STUCK]).stays
 
