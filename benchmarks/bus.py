@@ -62,7 +62,7 @@ def _walked(driver: str, model: str, duration_s: float) -> tuple[TrialResult, li
     """Walk `phantomx` on a simulated bus, which is its own process; joints follow their targets."""
     with TemporaryDirectory() as folder, _board(Path(folder), driver, model) as (file, port):
         robot_file = load_robot_file(file)
-        options = BackendOptions(robot=robot_file.robot, robot_file=robot_file, connect=port)
+        options = BackendOptions(robot=robot_file.robot, robot_file=robot_file, port=port)
         servos = TimedServos(make_servos(driver, options))
         plan = TrialPlan(gait=make_gait(servos.robot, "tripod"), duration_s=duration_s, hold="none")
         with Guard(servos) as guard:

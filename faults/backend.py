@@ -7,7 +7,7 @@ from typing import Any
 import yaml
 
 from hexctl.robot.configs import config_root
-from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
+from hexctl.robot.servos.drivers import FAMILIES, PWM_DRIVERS
 
 #: Horns of the servos on a bus, and what a keeper does: hold, so that the last motion is that of the walk.
 ON_A_BUS: dict[str, Any] = {
@@ -47,7 +47,7 @@ class Backend:
     @property
     def serial_bus(self) -> bool:
         """Whether its servos are on a serial bus and report."""
-        return self.name in BUS_DRIVERS
+        return self.name in FAMILIES
 
     @property
     def hobby(self) -> bool:

@@ -136,7 +136,7 @@ class Rig:
             place = self._found(self.board, r"board at (\S+)")
             if self._relayed and name == "mavlink":
                 place = f"udpout:127.0.0.1:{self._relay_to(place.rpartition(':')[2], 'udp')}"
-            device = ("--connect", place)
+            device = ("--port", place)
             self.device = place
         port = free_port()
         self.endpoint = self._link = f"tcp/127.0.0.1:{port}"

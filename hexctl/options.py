@@ -108,13 +108,11 @@ class Typed:
 
     Attributes:
         flag: without hyphens; empty for the name of the field without its unit.
-        also: another flag, by which files or other tools name the same.
         parse: makes the value from a text; raises ValueError with the text and the allowed values.
         words: completion, a name in `hexctl.cli.completion`; empty for files.
     """
 
     flag: str = ""
-    also: str = ""
     short: str = ""
     parse: Callable[[str], Any] | None = None
     words: str = ""

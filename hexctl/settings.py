@@ -29,11 +29,15 @@ FILE = "hexctl.toml"
 PREFIX = "HEXCTL_"
 CHOSEN = "HEXCTL_SETTINGS"
 
+#: Variable of the robot's endpoint.
+CONNECT = "HEXCTL_CONNECT"
+
 #: Settings of robot and connection, for every command that uses them.
 COMMON = {
     "robot": "a shipped name or a robot file",
     "backend": "what moves, as for `--backend`",
-    "connect": "where the robot is: a Zenoh endpoint, or the port of its servos",
+    "connect": "where the robot listens, PROTOCOL/HOST:PORT, such as tls/hexapod.local:7447",
+    "port": "port of its servos, such as /dev/ttyUSB0",
     "listen": "where `hexctl serve` listens, a Zenoh endpoint",
     "keys": "folder of certificates",
     "link": "link file",
@@ -165,7 +169,11 @@ def find_settings(folder: Path = Path()) -> Settings:
         for key in wrong:
             setting = content.pop((key,))
             problems.append(f"{setting}: got {shown(setting.value)}; allowed: text, {COMMON[key]}")
+        if (connect := content.get(("connect",))) is not None and not _is_endpoint(connect.value):
+            problems.append(_no_endpoint(content.pop(("connect",))))
         files.append(content)
+    if not _is_endpoint(variables.get(CONNECT, "tcp/")):
+        problems.append(_no_endpoint(Setting(variables.pop(CONNECT), CONNECT)))
     problems += _misspelt(variables)
     return Settings(variables=variables, files=tuple(files), problems=tuple(problems))
 
@@ -174,14 +182,15 @@ def _is_text(value: object) -> bool:
     return isinstance(value, str) and bool(value)
 
 
-def is_endpoint(place: object) -> bool:
-    """Whether a setting `connect` is a Zenoh endpoint, `PROTOCOL/HOST:PORT`."""
+def _is_endpoint(place: object) -> bool:
     return "/" in str(place) and str(place).partition("/")[0].isalpha()
 
 
-def is_port(place: object) -> bool:
-    """Whether a setting `connect` is a port of servos: a device, the number of an I2C bus, or UDP."""
-    return str(place).startswith(("/", "udpin:", "udpout:")) or str(place).isdecimal()
+def _no_endpoint(setting: Setting) -> str:
+    return (
+        f"{setting}: got {shown(setting.value)}; allowed: PROTOCOL/HOST:PORT, such as "
+        "tls/hexapod.local:7447; the port of servos is `port`"
+    )
 
 
 def settings_files(folder: Path = Path()) -> tuple[Path, ...]:

@@ -161,8 +161,8 @@ def test_what_is_unambiguous_is_accepted() -> None:
     slope = hexctl.SimServos(ROOT / "configs/robots/ant.yaml", world=ROOT / "configs/worlds/slope.yaml")
     assert slope.world == hexctl.load_world("slope")
     assert api.GaitSpace([2, 5]) == hexctl.GaitSpace((2, 5))
-    with pytest.raises(hexctl.InputError, match=r"serve: got port; allowed: connect"):
-        serve(port=5)
+    with pytest.raises(hexctl.InputError, match=r"serve: got device; .* did you mean 'device_keys'"):
+        serve(device=5)
 
 
 def test_a_simulation_without_a_guard_gets_one() -> None:

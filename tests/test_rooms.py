@@ -6,9 +6,9 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
-    "": 2_260,
+    "": 2_270,
     "adapt": 7_855,
-    "backends": 10_290,
+    "backends": 10_680,
     "cli": 6_960,
     "client": 1_020,
     "control": 13_600,
@@ -20,10 +20,10 @@ CEILINGS = {
     "ik": 1_190,
     "learning": 430,
     "recording": 4_270,
-    "robot": 7_155,
+    "robot": 6_870,
     "runs": 1_100,
     "server": 3_960,
-    "simulators": 3_160,
+    "simulators": 3_170,
     "study": 6_910,
     "teleop": 1_960,
     "testing": 570,

@@ -23,7 +23,7 @@ from launch_ros.actions import Node
 ARGUMENTS = {
     "robot": ("ant", "name of a shipped robot, or the path of its YAML file"),
     "backend": ("sim", "what moves: sim, feetech, dynamixel, lx16a, servo2040, pca9685, mavlink"),
-    "connect": ("", "port of the servos, such as /dev/ttyUSB0:1000000; empty for that of the robot file"),
+    "port": ("", "port of the servos, such as /dev/ttyUSB0:1000000; empty for that of the robot file"),
     "drive": ("false", "whether ROS may move the robot: whoever reaches the router may then drive it"),
     "namespace": ("", "namespace of the node and its topics, such as lab/ant"),
     "router": ("true", "start rmw_zenohd, the router; false if one runs"),
@@ -35,7 +35,7 @@ ARGUMENTS = {
 def serve_command(given: Mapping[str, str], environment: Mapping[str, str]) -> list[str]:
     """Command of the robot, from the arguments and the ROS environment variables."""
     command = ["hexctl", "serve", "--robot", given["robot"], "--backend", given["backend"], "--ros"]
-    command += ["--connect", given["connect"]] if given["connect"] else []
+    command += ["--port", given["port"]] if given["port"] else []
     command += ["--ros-drive"] if given["drive"] == "true" else []
     command += ["--ros-namespace", given["namespace"]] if given["namespace"] else []
     domain = environment.get("ROS_DOMAIN_ID")

@@ -20,13 +20,12 @@ import numpy as np
 from faults.process import free_port
 from faults.programs.truth import TOLD
 from faults.programs.twin import TwinServos
+from hexctl.backends.bus.bus_map import bus_map_of
 from hexctl.backends.clock import PERIOD_S, realtime_priority
 from hexctl.backends.mavlink.mavlink_transport import open_port, parse_port
+from hexctl.backends.pwm.pwm_map import pwm_map_of
 from hexctl.robot.loader import load_robot_file
-from hexctl.robot.servos.bus_map import bus_map_of
-from hexctl.robot.servos.drivers import BUS_DRIVERS
-from hexctl.robot.servos.pwm_map import pwm_map_of
-from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
+from hexctl.robot.servos.drivers import FAMILIES
 from hexctl.simulators.board_faults import parse_fault
 from hexctl.simulators.bus_board import BusBoard
 from hexctl.simulators.lx16a_servos import Lx16aServos
@@ -138,8 +137,9 @@ def made_board(backend: str, robot_file: Path, folder: Path) -> tuple[Any, str]:
         text = f"udpin:127.0.0.1:{number}"
         board = ServoBoard(twin, file.servo_map, open_port(parse_port(text), text=text))
         return board, f"udpout:127.0.0.1:{number}"
-    if backend in BUS_DRIVERS:
-        told: Told = ToldBus(twin, bus_map_of(section, backend), baud=DEFAULT_BAUDS[backend])
+    if backend in FAMILIES:
+        bus_map = bus_map_of(section, backend)
+        told: Told = ToldBus(twin, bus_map, baud=bus_map.family.bauds[0])
     elif backend == "servo2040":
         told = ToldServo2040(twin, pwm_map_of(section, backend))
     else:

@@ -9,16 +9,16 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
 from hexctl.backends.base import LegServos
+from hexctl.backends.bus.bus_map import bus_map_of
+from hexctl.backends.pwm.pwm_map import pwm_map_of
 from hexctl.errors import InputError, MissingExtraError, UnusedError, argument
 from hexctl.robot.failure import Failure, FailureEvent
 from hexctl.robot.loader import RobotFile
 from hexctl.robot.model import Robot
-from hexctl.robot.plugins import load_custom
-from hexctl.robot.servos.bus_map import bus_map_of
-from hexctl.robot.servos.drivers import BUS_DRIVERS
-from hexctl.robot.servos.pwm_map import pwm_map_of
+from hexctl.robot.plugins import load_custom, plugin_names
+from hexctl.robot.servos.drivers import FAMILIES, PWM_DRIVERS, bus_drivers
+from hexctl.robot.servos.raw_map import RawMap
 from hexctl.robot.servos.servo_map import ServoMap, default_servo_map
-from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
 from hexctl.robot.servos.servo_schema import ServosSection
 
 if TYPE_CHECKING:
@@ -32,7 +32,8 @@ class BackendOptions:
     Attributes:
         trial: number of the trial; sensor noise differs between trials.
         robot_file: file of the robot, with the servo map of a real one; None without a file.
-        connect: a Zenoh endpoint or a MAVLink port; None for the backend's default.
+        connect: network endpoint of the robot; None for the default.
+        port: of the servos or their board; None for that of the robot file, or the default.
         credentials: folder with the certificates of a link beyond loopback, or None.
         link: name or path of a link file, or None.
     """
@@ -46,6 +47,7 @@ class BackendOptions:
     realtime: bool = False
     robot_file: RobotFile | None = None
     connect: str | None = None
+    port: str | None = None
     credentials: Path | None = None
     insecure: bool = False
     link: str | None = None
@@ -73,11 +75,13 @@ class BackendOptions:
 class Backend:
     """One entry of the registry: `make` returns unconnected servos.
 
-    `takes` are the used fields of `BackendOptions`, besides the robot and its file.
+    `takes` are the used fields of `BackendOptions`, besides the robot and its file. A keeper lets a `kept`
+    robot down if its server dies.
     """
 
     make: Callable[[BackendOptions], LegServos]
     takes: frozenset[str]
+    kept: bool = False
 
 
 def option_values(spec: object, *, but: Container[str] = ()) -> dict[str, Any]:
@@ -93,9 +97,33 @@ def make_servos(name: str, options: BackendOptions) -> LegServos:
     and by keyword with the given options that it accepts: fields of `BackendOptions`, and `servo_map`. Raises
     InputError for an unknown name, MissingExtraError when its extra is not installed.
     """
-    if name in BACKENDS:
-        return BACKENDS[name].make(options)
-    return _make_own(name, options)
+    backend = find_backend(name)
+    return _make_own(name, options) if backend is None else backend.make(options)
+
+
+def find_backend(name: str) -> Backend | None:
+    """Backend of a name, also of a plug-in's family of bus servos; None for custom servos."""
+    if name not in BACKENDS and name in bus_drivers():
+        return _bus_backend(name)
+    return BACKENDS.get(name)
+
+
+def backend_names() -> tuple[str, ...]:
+    """Names of all backends, also those of plug-ins."""
+    return tuple(dict.fromkeys((*BACKENDS, *bus_drivers(), *plugin_names("servos"))))
+
+
+def raw_map_of(file: RobotFile) -> RawMap:
+    """Map of raw positions by the driver of a robot file, else its servo map; raises InputError."""
+    section = file.content.servos
+    if section.driver is None:
+        return file.servo_map
+    try:
+        if section.driver in PWM_DRIVERS:
+            return pwm_map_of(section, section.driver)
+        return bus_map_of(section, section.driver, file.p_gain)
+    except InputError as error:
+        raise InputError(f"{file.path}: {error}") from error
 
 
 def check_options(
@@ -112,17 +140,20 @@ def check_options(
         offered: backends that a message may name; None is all.
         given: values by field of `BackendOptions`; None, False and 0 are not given.
     """
-    takes = BACKENDS[name].takes if name in BACKENDS else _arguments(_own_class(name)[0])
+    backend = find_backend(name)
+    takes = _arguments(_own_class(name)[0]) if backend is None else backend.takes
     for field, value in given.items():
         if not value or field in takes:
             continue
         takers = [known for known, backend in BACKENDS.items() if field in backend.takes]
         allowed = _joined([known for known in takers if offered is None or known in offered])
-        own = name not in BACKENDS
+        own = backend is None
+        confused = field == "connect" and "port" in takes
+        servos = f"; the port of servos is {argument('port')}" if confused else ""
         raise UnusedError(
             f"{argument(names.get(field, field))}: got {'yes' if value is True else value} "
             f"with {argument('backend')} {name}{f', whose class takes no `{field}`' if own else ''}; "
-            f"allowed: with {allowed}{f', or a class that takes `{field}`' if own else ''}",
+            f"allowed: with {allowed}{f', or a class that takes `{field}`' if own else ''}{servos}",
         )
 
 
@@ -162,10 +193,10 @@ def _mavlink(options: BackendOptions) -> LegServos:
     from hexctl.backends.mavlink.mavlink_client import MavlinkServos
     from hexctl.backends.mavlink.mavlink_transport import DEFAULT_PORT, check_guarded, parse_port
 
-    port, signing_key = options.connect or DEFAULT_PORT, read_signing_key(options.credentials)
+    port, signing_key = options.port or DEFAULT_PORT, read_signing_key(options.credentials)
     signed = signing_key is not None
     check_guarded(
-        parse_port(port), option=argument("connect"), text=port, signed=signed, insecure=options.insecure
+        parse_port(port), option=argument("port"), text=port, signed=signed, insecure=options.insecure
     )
     return MavlinkServos(options.robot, servo_map=options.servo_map, port=port, signing_key=signing_key)
 
@@ -175,17 +206,20 @@ def _bus(options: BackendOptions, *, driver: str) -> LegServos:
     from hexctl.backends.serial_ports import SerialAddress
 
     section, file = options.servos_section, options.robot_file
-    baud = section.baud or DEFAULT_BAUDS[driver]
-    address = SerialAddress.parse(options.connect or section.port, baud)
     bus_map = bus_map_of(section, driver, None if file is None else file.p_gain)
+    address = SerialAddress.parse(options.port or section.port, section.baud or bus_map.family.bauds[0])
     return BusServos(options.robot, bus_map=bus_map, port=address.path, baud=address.baud)
+
+
+def _bus_backend(driver: str) -> Backend:
+    return Backend(partial(_bus, driver=driver), frozenset({"port"}), kept=True)
 
 
 def _servo2040(options: BackendOptions) -> LegServos:
     from hexctl.backends.pwm.servo2040 import Servo2040Servos, parse_servo2040_port
 
     pwm_map = pwm_map_of(options.servos_section, "servo2040")
-    port = parse_servo2040_port(options.connect or options.servos_section.port)
+    port = parse_servo2040_port(options.port or options.servos_section.port)
     return Servo2040Servos(options.robot, pwm_map=pwm_map, port=port)
 
 
@@ -193,7 +227,7 @@ def _pca9685(options: BackendOptions) -> LegServos:
     from hexctl.backends.pwm.pca9685 import Pca9685Servos, parse_i2c_port
 
     pwm_map = pwm_map_of(options.servos_section, "pca9685")
-    port = parse_i2c_port(options.connect or options.servos_section.port)
+    port = parse_i2c_port(options.port or options.servos_section.port)
     return Pca9685Servos(options.robot, pwm_map=pwm_map, port=port)
 
 
@@ -228,7 +262,7 @@ _ALLOWED = "a LegServos class that takes the robot"
 
 def _own_class(name: str) -> tuple[Any, str]:
     """Class of a plug-in or of `package.module:Class`, and its name for messages."""
-    return load_custom(name, "backend", known=BACKENDS, allowed=_ALLOWED, door="servos")
+    return load_custom(name, "backend", known=(*BACKENDS, *bus_drivers()), allowed=_ALLOWED, door="servos")
 
 
 def _arguments(own: Any) -> frozenset[str]:
@@ -243,9 +277,9 @@ def _arguments(own: Any) -> frozenset[str]:
 BACKENDS: dict[str, Backend] = {
     "sim": Backend(_sim, frozenset({"world", "failures", "events", "seed", "trial", "realtime"})),
     "zenoh": Backend(_zenoh, frozenset({"connect", "credentials", "insecure", "link"})),
-    "mavlink": Backend(_mavlink, frozenset({"connect", "credentials", "insecure"})),
-    **{driver: Backend(partial(_bus, driver=driver), frozenset({"connect"})) for driver in BUS_DRIVERS},
-    "servo2040": Backend(_servo2040, frozenset({"connect"})),
-    "pca9685": Backend(_pca9685, frozenset({"connect"})),
+    "mavlink": Backend(_mavlink, frozenset({"port", "credentials", "insecure"})),
+    **{driver: _bus_backend(driver) for driver in FAMILIES},
+    "servo2040": Backend(_servo2040, frozenset({"port"})),
+    "pca9685": Backend(_pca9685, frozenset({"port"}), kept=True),
     "mock": Backend(_mock, frozenset()),
 }

@@ -28,8 +28,8 @@ class RobotOptions(LinkOptions):
     PANEL: ClassVar = "Robot"
 
     backend: Annotated[str, Typed(parse=lower_case, words="backends")] = "sim"
-    """What moves: sim (simulation), zenoh (a robot behind hexctl serve), mavlink, dynamixel, feetech, lx16a,
-    servo2040, pca9685, mock (no robot), or package.module:Class (your own servos).
+    """What moves: sim (simulation), zenoh (a robot behind hexctl serve), mavlink (a servo board), the driver
+    of its servos, such as feetech or pca9685, mock (no robot), or package.module:Class (custom servos).
 
     Options that the backend would ignore are refused.
     """
@@ -65,13 +65,10 @@ class RobotOptions(LinkOptions):
     seed: Annotated[int, SEED, RARE] = 0
     """Seed of everything random, a whole number, {}."""
 
-    connect: str | None = None
-    """Where the robot is: where hexctl serve listens, such as tls/HOST:7447, or the port of its servos, such
-    as /dev/ttyUSB0:1000000. (default: tcp/127.0.0.1:7447, or the port in the robot file)
-
-    With mavlink it is the servo board's port, such as /dev/ttyACM0:115200 or udpout:HOST:PORT (default:
-    udpout:127.0.0.1:14550), with servo2040 that of the board, such as /dev/ttyACM0, and with pca9685 the
-    I2C bus, such as 1 or /dev/i2c-1.
+    port: str | None = None
+    """Port of the servos: /dev/ttyUSB0 or /dev/ttyUSB0:1000000; with mavlink /dev/ttyACM0:115200 or
+    udpout:HOST:PORT, with pca9685 the I2C bus, /dev/i2c-1. (default: that of the robot file, with mavlink
+    udpout:127.0.0.1:14550)
     """
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from hexctl.errors import InputError, RobotFaultError, argument
-from hexctl.robot.servos.servo_models import BAUD
+from hexctl.robot.servos.drivers import BAUD
 from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.waiting import StopRequested, comes_true, never
 
@@ -48,7 +48,7 @@ class SerialAddress:
         found = _ADDRESS.fullmatch(text or "")
         if found is None or (found[2] and int(found[2]) not in BAUD):
             got = repr(text) if text else "none"
-            raise InputError(f"{argument('connect')}: got {got}; allowed: {allowed}")
+            raise InputError(f"{argument('port')}: got {got}; allowed: {allowed}")
         return cls(found[1], int(found[2] or baud))
 
 

@@ -83,7 +83,22 @@ failures = _offered(lambda: [f"{leg}:{kind}" for leg in range(1, 7) for kind in 
 failed_legs = _offered(lambda: [*map(str, range(1, 7)), "auto"])
 
 
-backends = _constant("backends.registry", "BACKENDS", "servos")
+@_offered
+def backends() -> Iterable[str]:
+    """Backends."""
+    from hexctl.backends.registry import backend_names
+
+    return backend_names()
+
+
+@_offered
+def drivers() -> Iterable[str]:
+    """Families of bus servos."""
+    from hexctl.robot.servos.drivers import bus_drivers
+
+    return bus_drivers()
+
+
 served_backends = _offered(lambda: [name for name in backends("") if name != "zenoh"])
 
 

@@ -15,7 +15,6 @@ from typer.exceptions import TyperException
 from hexctl.cli.console import in_flags, print_message
 from hexctl.cli.grouped_help import WIDTH, GroupedHelp, HelpGroup
 from hexctl.errors import InputError, shown
-from hexctl.robot.servos.drivers import PWM_DRIVERS
 from hexctl.typed_names import nearest
 
 if TYPE_CHECKING:
@@ -42,15 +41,10 @@ FOLLOWERS: Mapping[str, tuple[tuple[str, ...], ...] | None] = {
     "world": (("run",), ("adapt",), ("drive",), ("diagnose",), ("serve",)),
     "listen": None,
     "connect": None,
+    "port": None,
     "link": None,
     "keys": None,
 }
-
-#: Commands whose `--connect` is the port of servos for every backend.
-ON_PORT = ("serve", "calibrate", "servos")
-
-#: Backends whose device is not a servo bus; the commands of `hexctl servos` ignore it.
-WITHOUT_BUS = ("mavlink", *PWM_DRIVERS)
 
 #: Key of a context's `meta` with its settings, by parameter.
 _ORIGINS = "hexctl.settings.origins"
@@ -224,7 +218,6 @@ class _Following:
         self, ctx: Any, path: tuple[str, ...], settings: "Settings", typed: Mapping[str, Any]
     ) -> None:
         self._path, self._settings, self._typed = path, settings, typed
-        self._program = next(iter(path), "")
         self._options = {_flag(param): param for param in ctx.command.params if _flag(param)}
         self._found: dict[str, Setting] = {}
 
@@ -250,8 +243,6 @@ class _Following:
 
         That is if it has a use with the values typed and found so far.
         """
-        from hexctl.settings import is_port
-
         if option not in FOLLOWERS or self._path not in (FOLLOWERS[option] or (self._path,)):
             return False
         if option == "robot":
@@ -260,20 +251,10 @@ class _Following:
             return self._path != ("serve",) or self._any("backend") != "zenoh"
         if option == "world":
             return True  # dropped if the backend has none
-        on_port = self._program in ON_PORT or self._backend not in (None, "zenoh")
-        if option == "connect" and (on_port or is_port(self._any("connect"))):
-            return on_port and self._has_port
-        return (not on_port or self._path == ("serve",)) and self._link_follows(option)
-
-    @property
-    def _has_port(self) -> bool:
-        """Whether the common setting is the port of this command's servos."""
-        from hexctl.settings import is_endpoint
-
-        backend = str(self._any("backend")).lower() if self._program == "servos" else str(self._backend)
-        without = {"servos": WITHOUT_BUS, "calibrate": ()}.get(self._program, ("sim", "mock"))
-        place = self._any("connect")
-        return not (place is None or is_endpoint(place)) and backend not in without and ":" not in backend
+        if option == "port":
+            return self._path != ("sim", "board") and ":" not in str(self._backend)
+        served = self._backend in (None, "zenoh") or self._path == ("serve",)
+        return served and self._link_follows(option)
 
     def _link_follows(self, option: str) -> bool:
         typed = {"connect", "listen", "link"} & self._typed.keys()

@@ -109,8 +109,6 @@ def _parameter(option: Option) -> inspect.Parameter:
     info.hidden, info.rich_help_panel = option.rare, option.panel or None
     if option.typed.short:
         info.param_decls = (*info.param_decls, f"-{option.typed.short}")
-    if option.typed.also:
-        info.param_decls = (*info.param_decls, f"--{option.typed.also}")
     FLAGS[option.name] = f"--{option.flag}"
     default = list(option.default or ()) if kind == list[str] else option.default
     return inspect.Parameter(

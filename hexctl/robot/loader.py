@@ -17,10 +17,6 @@ from hexctl.robot.meshes import Meshes, read_meshes
 from hexctl.robot.model import Robot, stance
 from hexctl.robot.plausibility import mass_problem, range_problem
 from hexctl.robot.schema import P_GAIN, JointSection, LinkSection, RobotSchema
-from hexctl.robot.servos.bus_map import bus_map_of
-from hexctl.robot.servos.drivers import BUS_DRIVERS
-from hexctl.robot.servos.pwm_map import pwm_map_of
-from hexctl.robot.servos.raw_map import RawMap
 from hexctl.robot.servos.servo_map import ServoMap, servo_map_of
 from hexctl.robot.yaml_text import with_values, yaml_content
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_LEGS, FloatArray
@@ -41,19 +37,6 @@ class RobotFile:
         """The servo map of the section `servos`, or the default; raises InputError."""
         try:
             return servo_map_of(self.content.servos)
-        except InputError as error:
-            raise InputError(f"{self.path}: {error}") from error
-
-    @cached_property
-    def raw_map(self) -> RawMap:
-        """The map of raw positions of the driver, else the servo map; raises InputError."""
-        section = self.content.servos
-        if section.driver is None:
-            return self.servo_map
-        try:
-            if section.driver in BUS_DRIVERS:
-                return bus_map_of(section, section.driver, self.p_gain)
-            return pwm_map_of(section, section.driver)
         except InputError as error:
             raise InputError(f"{self.path}: {error}") from error
 

@@ -29,12 +29,8 @@ from hexctl.control.controllers import SITTING_S, sitting_angles_rad
 from hexctl.control.guard import MAX_EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, HexctlError
 from hexctl.robot.loader import load_robot_file
-from hexctl.robot.servos.drivers import BUS_DRIVERS
 from hexctl.signals import ending_signals
 from hexctl.types import JOINT_NAMES, FloatArray, JointTargets, RobotState
-
-#: Backends that it can reach after the server: they know whether their servos hold.
-KEPT_BACKENDS = (*BUS_DRIVERS, "pca9685")
 
 #: A server without a tick for this long hangs.
 SILENT_S = 1.0
@@ -60,25 +56,25 @@ class KeeperSpec:
 
     Attributes:
         robot: name or path of the robot file.
-        connect: port of the bus; None takes that of the robot file.
+        port: of the bus; None takes that of the robot file.
         sits: whether the robot sits down; otherwise it holds.
     """
 
     backend: str
     robot: str
-    connect: str | None
+    port: str | None
     sits: bool
 
     def servos(self) -> LegServos:
         """The servos, not connected."""
-        return make_servos(self.backend, _options(self.robot, self.connect))
+        return make_servos(self.backend, _options(self.robot, self.port))
 
 
 @lru_cache(maxsize=1)
-def _options(robot: str, connect: str | None) -> BackendOptions:
+def _options(robot: str, port: str | None) -> BackendOptions:
     """Options of the servos; the robot file is read once, in advance."""
     file = load_robot_file(robot)
-    return BackendOptions(robot=file.robot, robot_file=file, connect=connect)
+    return BackendOptions(robot=file.robot, robot_file=file, port=port)
 
 
 class Keeper:

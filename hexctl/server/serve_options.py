@@ -5,15 +5,14 @@ from pathlib import Path
 from types import NoneType
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
-from hexctl.backends.registry import BackendOptions, check_options
+from hexctl.backends.registry import BackendOptions, backend_names, check_options
 from hexctl.backends.robot_options import RobotOptions, lower_case
 from hexctl.backends.sim.world import DEFAULT_WORLD
 from hexctl.errors import InputError, argument, check_type
-from hexctl.options import RARE, Panel, Range, Typed, check_fields, check_used
+from hexctl.options import RARE, UNTYPED, Panel, Range, Typed, check_fields, check_used
 from hexctl.robot.failure import Failure, failure_text
 from hexctl.robot.failure_grammar import option_of, read_failures_before
 from hexctl.robot.loader import load_robot_file
-from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
 from hexctl.server.idle import SIT_AFTER_RANGE_S, SIT_AFTER_S
 from hexctl.wire.links import Endpoint
 from hexctl.wire.ros.ros_names import MAX_DOMAIN, RosNode
@@ -21,7 +20,8 @@ from hexctl.wire.ros.ros_names import MAX_DOMAIN, RosNode
 if TYPE_CHECKING:
     from hexctl.backends.sim.world import World
 
-SERVED_BACKENDS = ("sim", "mavlink", *BUS_DRIVERS, *PWM_DRIVERS, "mock")
+#: The backend of a robot that is served already.
+SERVED = "zenoh"
 
 ROS_DOMAIN = Range(low=0, high=MAX_DOMAIN, whole=True)
 
@@ -44,10 +44,12 @@ class ServedOptions(RobotOptions):
     PANEL: ClassVar = "Robot"
 
     backend: Annotated[str, Typed(parse=lower_case, words="served_backends")] = "sim"
-    """What moves: sim (simulation in real time), mavlink (a servo board), dynamixel, feetech or lx16a (servos
-    on a serial bus), servo2040 or pca9685 (boards of hobby servos), mock (servos without a robot), or
-    package.module:Class for custom servos.
+    """What moves: sim (simulation in real time), mavlink (a servo board), the driver of its servos, such as
+    feetech or pca9685, mock (servos without a robot), or package.module:Class for custom servos.
     """
+
+    connect: Annotated[None, UNTYPED] = None
+    """Unused: servos are reached by `port`."""
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -72,9 +74,7 @@ class ServedOptions(RobotOptions):
             return None
         return {"world": str(self.world or DEFAULT_WORLD), "failure": failure_text(*self.failures)}
 
-    def backend_options(
-        self, *, connect: str | None = None, credentials: Path | None = None, insecure: bool = False
-    ) -> BackendOptions:
+    def backend_options(self, *, credentials: Path | None = None, insecure: bool = False) -> BackendOptions:
         """Options of the backend, in real time; `credentials` has the key of a servo board."""
         file = load_robot_file(str(self.robot))
         return BackendOptions.of(
@@ -83,7 +83,6 @@ class ServedOptions(RobotOptions):
             world=self._loaded_world(),
             realtime=True,
             robot_file=file,
-            connect=connect,
             credentials=credentials,
             insecure=insecure,
             link=None,
@@ -107,13 +106,6 @@ class ServeOptions(ServedOptions):
     listen: Annotated[str | None, CONNECTION] = None
     """Where to listen: PROTOCOL/HOST:PORT with tcp, tls or quic, such as tls/0.0.0.0:7447. (default:
     tcp/127.0.0.1:7447)
-    """
-
-    connect: str | None = None
-    """Where the servos are: with mavlink the port of the servo board, /dev/ttyACM0:115200, udpout:HOST:PORT
-    or udpin:HOST:PORT (default: udpout:127.0.0.1:14550); with dynamixel, feetech and lx16a the bus,
-    /dev/ttyUSB0:1000000; with servo2040 the board, /dev/ttyACM0; with pca9685 the I2C bus, /dev/i2c-1.
-    (default: the port in the robot file)
     """
 
     device_keys: Annotated[str | Path | None, CONNECTION, RARE] = None
@@ -144,17 +136,18 @@ class ServeOptions(ServedOptions):
     """With --ros, keys as ROS 2 Humble has them, without type hashes."""
 
     def __post_init__(self) -> None:
-        if self.backend == "zenoh":
+        served = tuple(name for name in backend_names() if name != SERVED)
+        if self.backend == SERVED:
             raise InputError(
-                f"{argument('backend')}: got zenoh, whose robot is already served; "
-                f"allowed: {', '.join(SERVED_BACKENDS)}"
+                f"{argument('backend')}: got {SERVED}, whose robot is already served; "
+                f"allowed: {', '.join(served)}"
             )
         super(ServeOptions, self).__post_init__()
         check_options(
             self.backend,
             names={"credentials": "device_keys"},
-            offered=SERVED_BACKENDS,
-            connect=self.connect,
+            offered=served,
+            port=self.port,
             credentials=self.device_keys,
         )
         if self.ros is None:

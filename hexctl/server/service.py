@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import realtime_priority
-from hexctl.backends.registry import BackendOptions, make_servos
+from hexctl.backends.registry import BackendOptions, find_backend, make_servos
 from hexctl.backends.ticked_servos import PortServos
 from hexctl.errors import InputError, argument
 from hexctl.options import check_names
-from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
+from hexctl.robot.servos.drivers import PWM_DRIVERS, is_driver
 from hexctl.server.serve_options import ServeOptions
 from hexctl.server.server import RobotServer
 from hexctl.server.stops.stop_file import StopFile
@@ -93,7 +93,7 @@ class RobotService(ServeOptions):
         _raise_descriptor_limit()
         link = self.resolved_link()
         keys = None if self.device_keys is None else Path(self.device_keys)
-        options = self.backend_options(connect=self.connect, credentials=keys, insecure=self.insecure)
+        options = self.backend_options(credentials=keys, insecure=self.insecure)
         servos = make_servos(self.backend, options)
         keeper = self._keeper(options)
         stop_file = self._stop_file(servos.robot.name, options, link)
@@ -162,8 +162,8 @@ class RobotService(ServeOptions):
         )
 
     def _stop_file(self, robot: str, options: BackendOptions, link: Link) -> StopFile:
-        backend, port = self.backend, self.connect
-        if port is None and backend in (*BUS_DRIVERS, *PWM_DRIVERS) and options.robot_file is not None:
+        backend, port = self.backend, self.port
+        if port is None and is_driver(backend) and options.robot_file is not None:
             port = options.robot_file.content.servos.port
         simulated, clear = self.simulated is not None, _clear_command(link)
         return StopFile(robot, backend, port or link.endpoint, asked_only=simulated, clear=clear)
@@ -176,15 +176,16 @@ class RobotService(ServeOptions):
         return board + router_warnings(link, self.ros, drive=self.ros_drive)
 
     def _keeper(self, options: BackendOptions) -> "Keeper | None":
-        from hexctl.server.keeper import KEPT_BACKENDS, Keeper, KeeperSpec
+        from hexctl.server.keeper import Keeper, KeeperSpec
 
-        if self.backend not in KEPT_BACKENDS or options.robot_file is None:
+        backend = find_backend(self.backend)
+        if backend is None or not backend.kept or options.robot_file is None:
             return None
         return Keeper(
             KeeperSpec(
                 backend=self.backend,
                 robot=str(self.robot),
-                connect=self.connect,
+                port=self.port,
                 sits=options.robot_file.content.servos.if_computer_dies == "sit",
             )
         )

@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from hexctl.backends.base import LegServos
+from hexctl.backends.bus.bus_map import bus_map_of
+from hexctl.backends.bus.family import find_family
 from hexctl.backends.clock import realtime_priority
+from hexctl.backends.pwm.pwm_map import pwm_map_of
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.errors import InputError, argument
 from hexctl.options import RARE, Panel, Range, Typed, check_used
-from hexctl.robot.servos.bus_map import bus_map_of
-from hexctl.robot.servos.drivers import Driver
-from hexctl.robot.servos.pwm_map import pwm_map_of
-from hexctl.robot.servos.servo_models import BAUD, DEFAULT_BAUDS
+from hexctl.robot.servos.drivers import BAUD, PWM_DRIVERS, all_drivers, is_driver
 from hexctl.server.serve_options import ServedOptions
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ RELEASE_S = Range(low=1, high=3600, unit="s")
 CONNECTION = Panel("Connection")
 
 #: Options that only a MAVLink board uses, and that only a bus uses.
-OF_BOARD = ("connect", "pty", "expiry_s", "release_after_s", "credentials", "insecure", "link")
+OF_BOARD = ("port", "pty", "expiry_s", "release_after_s", "credentials", "insecure", "link")
 OF_BUS = ("model", "baud", "fault", "link")
 
 
@@ -46,7 +46,7 @@ class BoardService(ServedOptions):
     backend: BoardBackend = "sim"
     """What the servos move: sim (simulation in real time) or mock (nothing)."""
 
-    connect: str | None = None
+    port: str | None = None
     """Where controllers reach it: udpin:HOST:PORT (waits), udpout:HOST:PORT (calls) or a serial device such
     as /dev/ttyACM0:115200. (default: udpin:127.0.0.1:14550)
     """
@@ -66,19 +66,20 @@ class BoardService(ServedOptions):
     release_after_s: Annotated[float, RELEASE_S, CONNECTION, RARE] = 10.0
     """Seconds without the controller until torque is disabled, {}."""
 
-    bus: Driver | None = None
-    """Simulate servos on a serial bus instead, on a pseudo-terminal: dynamixel, feetech, lx16a, or the board
-    servo2040 with hobby servos; or two boards pca9685, on a socket. (default: a MAVLink board)
+    bus: str | None = None
+    """Simulate servos on a serial bus instead, on a pseudo-terminal: dynamixel, feetech, lx16a, that of a
+    plug-in, or the board servo2040 with hobby servos; or two boards pca9685, on a socket. (default: a MAVLink
+    board)
     """
 
     model: str | None = None
     """With --bus, model of all servos, such as ax12a or sts3215; with servo2040 its firmware, stock or fork.
-    (default: that of the robot file, else xl430-w250, sts3215, lx16a or stock)
+    (default: that of the robot file, else the usual one of the bus)
     """
 
     baud: Annotated[int | None, BAUD, RARE] = None
-    """With --bus, bits per second: how long packets take, {}. (default: 1000000, with lx16a 115200, with
-    pca9685 400000)
+    """With --bus, bits per second: how long packets take, {}. (default: the usual one of the
+    bus)
     """
 
     fault: Sequence[str] = ()
@@ -95,9 +96,11 @@ class BoardService(ServedOptions):
             check_used(self, OF_BUS, f"with {argument('bus')}")
         else:
             check_used(self, OF_BOARD, f"without {argument('bus')}")
-        if self.pty and self.connect is not None:
+        if self.bus is not None and not is_driver(self.bus):
+            raise InputError(f"{argument('bus')}: got {self.bus}; allowed: {', '.join(all_drivers())}")
+        if self.pty and self.port is not None:
             raise InputError(
-                f"{argument('pty')}: got {argument('connect')} {self.connect} too; allowed: one or the other"
+                f"{argument('pty')}: got {argument('port')} {self.port} too; allowed: one or the other"
             )
         if self.bus == "servo2040" and self.baud is not None:
             raise InputError(
@@ -116,8 +119,9 @@ class BoardService(ServedOptions):
         """Speed of the line of a bus; 0 for a MAVLink board or a servo2040."""
         from hexctl.simulators.pca9685_board import BITS_PER_S
 
-        usual = {"pca9685": BITS_PER_S, **DEFAULT_BAUDS}
-        return self.baud or usual.get(str(self.bus), 0)
+        if self.bus is None or self.bus in PWM_DRIVERS:
+            return self.baud or (BITS_PER_S if self.bus == "pca9685" else 0)
+        return self.baud or find_family(self.bus).bauds[0]
 
     def run(
         self,
@@ -169,8 +173,8 @@ class BoardService(ServedOptions):
         if self.pty:
             terminal = PseudoTerminal()
             return transport.StreamPort(terminal.descriptor, terminal.close), terminal.path
-        text = self.connect or transport.DEFAULT_BOARD_PORT
-        address, option = transport.parse_port(text), argument("connect")
+        text = self.port or transport.DEFAULT_BOARD_PORT
+        address, option = transport.parse_port(text), argument("port")
         transport.check_guarded(address, option=option, text=text, signed=self.signed, insecure=self.insecure)
         return transport.open_port(address, text=text), text
 

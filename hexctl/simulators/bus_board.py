@@ -7,12 +7,10 @@ from operator import and_
 import numpy as np
 
 from hexctl.backends.base import LegServos
+from hexctl.backends.bus.bus_map import BusMap
 from hexctl.backends.bus.tools import FACTORY_ID
-from hexctl.robot.servos.bus_map import BusMap
 from hexctl.simulators.board_faults import BUS_FAULTS, BoardFault, BusFaults
-from hexctl.simulators.bus_servos import BUS_COUNTS, SimulatedServos
-from hexctl.simulators.lx16a_servos import Lx16aServos
-from hexctl.simulators.register_servos import RegisterServos
+from hexctl.simulators.bus_servos import BUS_COUNTS, simulated_servos
 from hexctl.simulators.simulated_board import PseudoTerminal, SimulatedBoard
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState
 
@@ -24,13 +22,6 @@ _BAUDS = {
     getattr(termios, name): int(name[1:])
     for name in dir(termios)
     if name.startswith("B") and name[1:].isdecimal()
-}
-
-#: Servos of each driver.
-FAMILIES: dict[str, type[SimulatedServos]] = {
-    "dynamixel": RegisterServos,
-    "feetech": RegisterServos,
-    "lx16a": Lx16aServos,
 }
 
 
@@ -57,7 +48,7 @@ class BusBoard(SimulatedBoard):
         self._map, self._baud = bus_map, baud
         stance = bus_map.raw(servos.robot.stance_angles_rad)
         self._faults = BusFaults()
-        self._family = FAMILIES[bus_map.driver](bus_map, stance, self._faults, self.counts)
+        self._family = simulated_servos(bus_map)(bus_map, stance, self._faults, self.counts)
         self._servos = self._family.servos
         self._free_s = 0.0  # when the line has carried what came so far
         self._data = b""

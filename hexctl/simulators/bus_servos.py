@@ -2,13 +2,15 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from inspect import isclass
+from pkgutil import resolve_name
 
 import numpy as np
 
+from hexctl.backends.bus.bus_map import BusMap
 from hexctl.backends.bus.packets import PacketFormat
-from hexctl.backends.bus.tools import packets_of
-from hexctl.robot.servos.bus_map import BusMap
-from hexctl.robot.servos.servo_models import ServoType
+from hexctl.backends.bus.servo_type import ServoType
+from hexctl.errors import InputError
 from hexctl.simulators.board_faults import BusFaults
 from hexctl.types import BoolArray, FloatArray
 
@@ -65,7 +67,7 @@ class SimulatedServos(ABC):
         self, bus_map: BusMap, stance: FloatArray, faults: BusFaults, counts: dict[str, int]
     ) -> None:
         self._faults, self._counts = faults, counts
-        self.packets = packets_of(bus_map.driver, bus_map.protocol)
+        self.packets = bus_map.family.formats[bus_map.protocol]
         parts = zip(bus_map.ids.tolist(), bus_map.models, stance.tolist(), strict=True)
         self.servos = [self._new_servo(*each) for each in parts]
 
@@ -105,3 +107,15 @@ class SimulatedServos(ABC):
             for joint, servo in enumerate(self.servos)
             if servo.servo_id == servo_id and not self._faults.mute[joint]
         ]
+
+
+def simulated_servos(bus_map: BusMap) -> type[SimulatedServos]:
+    """Simulated servos of a map's family; raises InputError for a family without any."""
+    name = bus_map.family.simulated
+    try:
+        found = resolve_name(name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise InputError(f"simulated servos: {name} cannot be loaded ({error})") from error
+    if not (isclass(found) and issubclass(found, SimulatedServos)):
+        raise InputError(f"simulated servos: got {name}; allowed: a subclass of SimulatedServos")
+    return found

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hexctl.backends.bus import lx16a as lx
+from hexctl.backends.bus.families import lx16a as lx
 from hexctl.backends.bus.packets import BROADCAST
-from hexctl.robot.servos.servo_models import ServoType
+from hexctl.backends.bus.servo_type import ServoType
 from hexctl.simulators.bus_servos import USUAL_C, SimulatedServo, SimulatedServos
 
 #: Supplies in V: of two cells, and of three for models that need 9 V.

@@ -23,7 +23,7 @@ from hexctl.backends.pwm.pca9685 import (
     RESTART,
     SLEEP,
 )
-from hexctl.robot.servos.pwm_map import PCA9685_CHANNELS, PwmMap
+from hexctl.backends.pwm.pwm_map import PCA9685_CHANNELS, PwmMap
 from hexctl.simulators.board_faults import BoardFault
 from hexctl.simulators.simulated_board import SimulatedBoard, SocketLine
 from hexctl.types import BoolArray, FloatArray, RobotState

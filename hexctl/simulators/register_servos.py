@@ -5,6 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hexctl.backends.bus.bus_map import BusMap
+from hexctl.backends.bus.families.registers import Register, RegisterTable
 from hexctl.backends.bus.packets import (
     BROADCAST,
     MOST_PARAMETERS,
@@ -16,9 +18,7 @@ from hexctl.backends.bus.packets import (
     SYNC_WRITE,
     WRITE,
 )
-from hexctl.backends.bus.registers import Register, RegisterTable, table_of
-from hexctl.robot.servos.bus_map import BusMap
-from hexctl.robot.servos.servo_models import ServoType
+from hexctl.backends.bus.servo_type import ServoType
 from hexctl.simulators.board_faults import BusFaults
 from hexctl.simulators.bus_servos import USUAL_C, USUAL_V, SimulatedServo, SimulatedServos
 from hexctl.types import FloatArray
@@ -47,7 +47,7 @@ class BusServo(SimulatedServo):
     """One servo with registers."""
 
     def __init__(self, servo_id: int, model: ServoType, counts: float) -> None:
-        self._table, self._model = (table := table_of(model.name)), model
+        self._table, self._model = (table := model.table), model
         self.memory = bytearray(MEMORY)
         self.overloaded = False
         self.set(table.model, model.number or 0)
@@ -247,7 +247,7 @@ class RegisterServos(SimulatedServos):
         self, bus_map: BusMap, stance: FloatArray, faults: BusFaults, counts: dict[str, int]
     ) -> None:
         super().__init__(bus_map, stance, faults, counts)
-        self._table = table_of(bus_map.models[0].name)
+        self._table = bus_map.models[0].table
         self._heard_s = -math.inf
 
     def _new_servo(self, servo_id: int, model: ServoType, count: float) -> BusServo:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from hexctl.backends.base import LegServos
+from hexctl.backends.pwm.pwm_map import SERVO2040_US, PwmMap
 from hexctl.backends.pwm.servo2040 import (
     AMPERES_PER_COUNT,
     COUNTS_PER_V,
@@ -21,7 +22,6 @@ from hexctl.backends.pwm.servo2040 import (
     encoded,
 )
 from hexctl.errors import InputError
-from hexctl.robot.servos.pwm_map import SERVO2040_US, PwmMap
 from hexctl.simulators.board_faults import BoardFault
 from hexctl.simulators.simulated_board import PseudoTerminal, SimulatedBoard
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState

@@ -179,9 +179,9 @@ def own_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         "from hexctl.backends.sim.servos import SimServos\n"
         "class Simulator(SimServos):\n    pass\n"
         "class Bus(MockServos):\n"
-        "    def __init__(self, robot, *, connect='/dev/bus', credentials=None, servo_map=None, **more):\n"
+        "    def __init__(self, robot, *, port='/dev/bus', credentials=None, servo_map=None, **more):\n"
         "        super().__init__(robot)\n"
-        "        self.given = (connect, credentials, servo_map, more)\n",
+        "        self.given = (port, credentials, servo_map, more)\n",
         encoding="utf-8",
     )
     monkeypatch.syspath_prepend(tmp_path)
@@ -201,7 +201,7 @@ def test_servos_of_ones_own_that_cannot_be_made_are_refused(name: str) -> None:
 
 def test_servos_of_ones_own_get_the_options_that_they_take(own_module: str, tmp_path: Path) -> None:
     file = load_robot_file("ant")
-    options = replace(OPTIONS, connect="/dev/ttyUSB3", credentials=tmp_path, robot_file=file, link="lab")
+    options = replace(OPTIONS, port="/dev/ttyUSB3", credentials=tmp_path, robot_file=file, link="lab")
     servos: Any = make_servos(f"{own_module}:Bus", options)
     assert servos.robot is OPTIONS.robot
     assert servos.given == ("/dev/ttyUSB3", tmp_path, file.servo_map, {})
@@ -237,9 +237,9 @@ def test_options_that_a_backend_would_ignore_are_refused(
 def test_options_that_a_backend_takes_pass_and_others_have_the_names_of_the_caller(own_module: str) -> None:
     check_options("sim", seed=3, realtime=True, world="flat", connect=None)
     check_options("zenoh", connect="tcp/a:1", link="lab", insecure=True, seed=0)
-    check_options(f"{own_module}:Bus", connect="x", credentials="y", seed=0)
+    check_options(f"{own_module}:Bus", port="x", credentials="y", seed=0)
     with pytest.raises(InputError, match=r"^device: got x .*with mavlink$"):
-        check_options("mock", names={"connect": "device"}, offered=("sim", "mavlink"), connect="x")
+        check_options("mock", names={"port": "device"}, offered=("sim", "mavlink"), port="x")
 
 
 def test_options_are_those_of_a_spec_except_where_they_are_given(tmp_path: Path) -> None:

@@ -182,7 +182,7 @@ def plant_common_modules() -> None:
 
 def test_the_keeper_takes_no_module_from_the_working_folder() -> None:
     plant_common_modules()
-    with Keeper(KeeperSpec(backend="mock", robot="ant", connect=None, sits=False)) as keeper:
+    with Keeper(KeeperSpec(backend="mock", robot="ant", port=None, sits=False)) as keeper:
 
         def runs() -> bool:
             status = Path(f"/proc/{keeper._process.pid}/status").read_text()

@@ -90,7 +90,7 @@ PATH_LINES = (
     "calibrate {}.yaml --backend mavlink",
     "sim board --keys {}",
     "serve --backend mock --link {}.yaml",
-    "serve --backend feetech --connect {}",
+    "serve --backend feetech --port {}",
     "serve --backend mock --keys {} --listen tls/127.0.0.1:9",
     "status --link {}.yaml",
     f"estop --keys {{}} {TLS}",
@@ -112,7 +112,7 @@ PATH_LINES = (
 @pytest.mark.parametrize("line", PATH_LINES)
 def test_a_path_that_no_system_has_is_refused_in_one_line(line: str, tmp_path: Path, call: Call) -> None:
     # A port that is not there is a fault of the robot.
-    fault = "--connect {}" in line
+    fault = "--port {}" in line
     path = "x" * 5000 if len(line) % 2 else "a/" * 2500 + "x"
     assert call(*[word.format(path) for word in line.split()], code=3 if fault else 2).refusal
     assert not [found for found in tmp_path.rglob("*") if found.is_file()]

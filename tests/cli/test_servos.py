@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from serial.tools.list_ports_common import ListPortInfo
 
+from hexctl.backends.bus.bus_map import bus_map_of
 from hexctl.cli.main import exit_code
 from hexctl.robot.loader import load_robot_file
-from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.types import JOINT_NAMES
 from tests.backends.bus.boards import MemoryBus, a_map, memory_bus
 from tests.backends.mavlink.boards import PATIENCE_S, board
@@ -33,11 +33,11 @@ ONLY_ONE = [
 @pytest.mark.parametrize("driver", ["dynamixel", "lx16a"])
 def test_another_driver_that_fits_is_named(driver: str, call: Call) -> None:
     with memory_bus(a_map(), *ONLY_ONE) as bus:
-        words = ["servos", "scan", "--driver", driver, "--connect", f"{bus.path}:1000000", "--json"]
+        words = ["servos", "scan", "--driver", driver, "--port", f"{bus.path}:1000000", "--json"]
         printed = call(*words, code=2 if driver == "dynamixel" else 3)
         assert printed.out.strip() in ("", "[]")
         assert "servos (sts3215) answer with --driver feetech --baud 1000000" in printed.err
-        words = ["servos", "scan", "--driver", driver, "--connect", bus.path, "--baud", "all"]
+        words = ["servos", "scan", "--driver", driver, "--port", bus.path, "--baud", "all"]
         said = call(*words, code=2).err
     advice = "servos (sts3215) answer with --driver feetech --baud 1000000"
     assert said == f"hexctl: --driver: got {driver}, but {advice}\n"
@@ -46,7 +46,7 @@ def test_another_driver_that_fits_is_named(driver: str, call: Call) -> None:
 @pytest.mark.parametrize("model", ["sts3215", "sts3032"])  # the second reports no known number
 def test_servos_at_another_baud_are_hinted_at_and_found_with_all(model: str, call: Call) -> None:
     with memory_bus(a_map(model=model), *ONLY_ONE, baud=115_200) as bus:
-        words = ["servos", "scan", "--driver", "feetech", "--connect", bus.path, "--json"]
+        words = ["servos", "scan", "--driver", "feetech", "--port", bus.path, "--json"]
         printed = call(*words, code=3)
         assert printed.json == []
         assert "servos answer at 115200 baud: a wrong baud rate" in printed.err
@@ -56,7 +56,7 @@ def test_servos_at_another_baud_are_hinted_at_and_found_with_all(model: str, cal
 
 def test_a_servo_is_tested_with_consent_only(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
     with memory_bus(a_map()) as bus:
-        words = ["servos", "test", "8", "--driver", "feetech", "--connect", bus.path, "--json"]
+        words = ["servos", "test", "8", "--driver", "feetech", "--port", bus.path, "--json"]
         monkeypatch.setattr(sys, "stdin", open(os.devnull))  # noqa: SIM115
         assert "--yes: got none" in call(*words, code=2).err
         type_in(monkeypatch, "no\n")
@@ -96,7 +96,7 @@ def test_a_model_that_servos_do_not_tell_is_written(
 ) -> None:
     with memory_bus(a_map("lx16a", "lx16a")) as bus:
         type_in(monkeypatch, "\n2f\n")
-        printed = call("servos identify 5 --driver lx16a --connect", bus.path, *words)
+        printed = call("servos identify 5 --driver lx16a --port", bus.path, *words)
     assert f"  model: {model}\n" in printed.out
     assert ("--model" in printed.err) is not bool(words)
 
@@ -105,7 +105,7 @@ def test_a_lost_id_is_given_back(call: Call, tmp_path: Path) -> None:
     file = robot_file(tmp_path, 21)
     bus_map = bus_map_of(load_robot_file(file).content.servos, "feetech")
     with memory_bus(bus_map, "lost-id:3:tibia") as bus:
-        words = ["servos", "adopt", "--robot", str(file), "--connect", bus.path, "--yes", "--json"]
+        words = ["servos", "adopt", "--robot", str(file), "--port", bus.path, "--yes", "--json"]
         adopted = call(*words).json
         assert (adopted["joint"], adopted["id"]) == ("leg3_tibia", 29)
         call(*words, code=3)
@@ -132,10 +132,10 @@ def test_a_bus_on_the_port_of_the_settings_keeps_the_baud_of_the_robot_file(
 ) -> None:
     with memory_bus(a_map(), *ONLY_ONE, baud=115_200) as bus:
         file = robot_file(tmp_path, 1, port="/dev/none", baud=115_200, model="sts3215")
-        monkeypatch.setenv("HEXCTL_CONNECT", bus.path)
+        monkeypatch.setenv("HEXCTL_PORT", bus.path)
         printed = call("servos scan --robot", str(file), "--json")
     assert [each["id"] for each in printed.json] == [1]
-    assert f"hexctl: HEXCTL_CONNECT sets --connect {bus.path}" in printed.err
+    assert f"hexctl: HEXCTL_PORT sets --port {bus.path}" in printed.err
 
 
 @pytest.mark.parametrize("vendor", [None, 0x0403])
@@ -161,7 +161,7 @@ def test_driver_and_port_of_a_calibration_come_from_the_robot_file(
     type_in(monkeypatch, "")
     for options, code, named in (
         ([], 3, "/dev/nothing"),
-        (["--connect", "/dev/nowhere"], 3, "/dev/nowhere"),
+        (["--port", "/dev/nowhere"], 3, "/dev/nowhere"),
         (["--backend", "dynamixel"], 2, "--backend"),
     ):
         assert named in call("calibrate", str(file), *options, code=code).err
@@ -170,7 +170,7 @@ def test_driver_and_port_of_a_calibration_come_from_the_robot_file(
 
 @pytest.mark.realtime
 def test_it_says_where_it_is_and_ends_with_ctrl_c(tmp_path: Path) -> None:
-    words = ["sim", "board", "--backend", "mock", "--connect", f"udpin:127.0.0.1:{free_port()}"]
+    words = ["sim", "board", "--backend", "mock", "--port", f"udpin:127.0.0.1:{free_port()}"]
     process = subprocess.Popen(
         [sys.executable, "-m", "hexctl", *words],
         stdout=subprocess.PIPE,
@@ -204,7 +204,7 @@ def test_a_walk_goes_through_a_simulated_bus(bus: str, model: str | None, robot:
     models = ("--model", model) if model else ()
     with board("--bus", bus, *models, "--backend", "mock", "--robot", robot) as running:
         words = ["--robot", robot, "--duration", "1", "--no-record", "--json"]
-        assert call("run --backend", bus, "--connect", running.port, *words).json["status"] == "ok"
+        assert call("run --backend", bus, "--port", running.port, *words).json["status"] == "ok"
         report = running.end()
     assert report["goals"] > 50
     assert not report.get("torn")
@@ -220,7 +220,7 @@ def test_a_walk_goes_through_a_simulated_bus(bus: str, model: str | None, robot:
 def test_what_happens_to_boards_on_an_i2c_bus_is_said(fault: str, message: str, call: Call) -> None:
     with board("--bus", "pca9685", "--backend", "mock", "--robot", "ant", "--fault", fault) as running:
         words = ["--robot", "ant", "--duration", "60", "--no-record", "--json"]
-        outcome = call("run --backend pca9685 --connect", running.port, *words, code=3).json
+        outcome = call("run --backend pca9685 --port", running.port, *words, code=3).json
         assert message in outcome["stopped"]
         running.end()
 
@@ -237,7 +237,7 @@ def test_servos_of_two_families_on_one_line_are_both_found(
         "hexctl.backends.bus.tools.SerialLine",
         lambda path, baud: (slow if baud == 57_600 else fast).open(path, baud),
     )
-    words = ["servos", "scan", "--driver", driver, "--connect", fast.path, "--baud", "all", "--json"]
+    words = ["servos", "scan", "--driver", driver, "--port", fast.path, "--baud", "all", "--json"]
     assert exit_code(words) == 0
     (found,) = [each for each in json.loads(capsys.readouterr().out) if each["model"]]
     assert found["baud"] == {"dynamixel": 57_600, "feetech": 1_000_000}[driver]
@@ -247,5 +247,5 @@ def test_servos_of_two_families_on_one_line_are_both_found(
 def test_servos_of_another_driver_do_not_answer(call: Call) -> None:
     with board("--bus", "dynamixel", "--model", "ax12a", "--backend", "mock", "--robot", "phantomx") as made:
         words = ["--robot", "phantomx", "--duration", "1", "--no-record", "--json"]
-        assert "/dev/pts/" in call("run --backend dynamixel", "--connect", made.port, *words, code=3).err
+        assert "/dev/pts/" in call("run --backend dynamixel", "--port", made.port, *words, code=3).err
         assert made.end()["packets"] == 0

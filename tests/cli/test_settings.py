@@ -221,6 +221,15 @@ def test_a_stop_is_asked_for_whatever_is_wrong(text: str, call: Call) -> None:
     assert all(line.startswith("hexctl: hexctl.toml: ") for line in told)
 
 
+@pytest.mark.parametrize("place", ["/dev/ttyUSB0", "1", "udpout:127.0.0.1:14550"])
+def test_a_port_of_servos_is_no_endpoint(place: str, call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(f"connect = '{place}'")
+    assert f"hexctl.toml: connect: got '{place}'" in call("status", code=2).refusal
+    monkeypatch.setenv("HEXCTL_SETTINGS", "none")
+    monkeypatch.setenv("HEXCTL_CONNECT", place)
+    assert call("run", code=2).refusal.endswith("the port of servos is `port`")
+
+
 def test_a_setting_of_the_table_of_consent_exists_as_an_option() -> None:
     flags = {name for _, command in commands() for param in command.params for name in param.opts}
     assert {f"--{option}" for option in TYPED_ONLY} <= flags
@@ -245,8 +254,8 @@ def followed(said: str) -> dict[str, set[str]]:
 
 ON_NETWORK = 'backend = "zenoh"\nconnect = "tls/robot.local:7447"\nkeys = "keys"\n'
 LINKED = {"connect": "tls/robot.local:7447", "keys": Path("keys")}
-ON_PORT = 'backend = "dynamixel"\nconnect = "/dev/ttyUSB0:1000000"\nlisten = "tls/0.0.0.0:7447"\nkeys = "k"\n'
-PORT = {"connect": "/dev/ttyUSB0:1000000"}
+ON_PORT = 'backend = "dynamixel"\nport = "/dev/ttyUSB0:1000000"\nlisten = "tls/0.0.0.0:7447"\nkeys = "k"\n'
+PORT = {"port": "/dev/ttyUSB0:1000000"}
 SERVED = {"listen": "tls/0.0.0.0:7447", "keys": Path("k")}
 WALKS = ("run", "adapt --failed-leg 5", "drive", "diagnose", "serve")
 
@@ -274,10 +283,11 @@ FOLLOWED: list[tuple[str, str, dict[str, Any]]] = [
     (ON_PORT, "run", {**PORT, "backend": "dynamixel"}),
     (ON_PORT, "calibrate my.yaml", PORT),
     (ON_PORT, "servos scan --robot my.yaml", PORT),
-    (ON_PORT, "servos adopt --robot my.yaml --connect /dev/ttyUSB1", {}),
+    (ON_PORT, "servos adopt --robot my.yaml --port /dev/ttyUSB1", {}),
     (ON_PORT, "status", {}),
-    ('connect = "/dev/i2c-1"\nbackend = "pca9685"\n', "servos identify", {}),
-    ('connect = "udpin:127.0.0.1:14550"\nbackend = "mavlink"\n', "servos scan", {}),
+    (ON_PORT, "run --backend zenoh", {}),
+    (ON_PORT, "sim board", {}),
+    (ON_PORT + ON_NETWORK.partition("\n")[2].partition("keys")[0], "run", {**PORT, "backend": "dynamixel"}),
     *(('world = "rough"\nbackend = "sim"\n', f"{words} --backend mock", {}) for words in WALKS),
     *(('world = "rough"\n', words, {"world": "rough"}) for words in WALKS),
     ('world = "rough"\n', "check", {}),

@@ -180,12 +180,10 @@ class Shell:
         else:
             arguments = _replaced(arguments, SHORTER.get(name, "").split())
         if "mavlink" in arguments:
-            arguments = _replaced(arguments, ["--connect", self._board])
-        if arguments[0] == "servos":
-            arguments[arguments.index("--connect") + 1] = self._board
-        on_bus = bool(ON_A_PORT & set(arguments)) and "--connect" in arguments
+            arguments = _replaced(arguments, ["--port", self._board])
+        on_bus = "--port" in arguments and "mavlink" not in arguments
         if on_bus:
-            arguments[arguments.index("--connect") + 1] = self._board
+            arguments[arguments.index("--port") + 1] = self._board
         _stay_here(arguments)
         paced = served or on_bus or "mock" in arguments or "mavlink" in arguments
         for _ in range(3 if paced else 1):  # a machine that is too busy for 0.2 s stops a walk
@@ -207,10 +205,10 @@ class Shell:
         self._programs.close()
         real = ({"mavlink"} | ON_A_PORT) & set(arguments)
         if real & ON_A_PORT and self._board:
-            arguments[arguments.index("--connect") + 1] = self._board
+            arguments[arguments.index("--port") + 1] = self._board
         elif real:
             arguments[arguments.index(real.pop())] = "sim"
-            at = arguments.index("--connect")
+            at = arguments.index("--port")
             del arguments[at : at + 2]
         listen = arguments[arguments.index("--listen") + 1] if "--listen" in arguments else "tcp/"
         endpoint = f"{listen.partition('/')[0]}/127.0.0.1:{free_port()}"
@@ -285,7 +283,7 @@ def _replaced(arguments: list[str], options: list[str]) -> list[str]:
 
 def _stay_here(arguments: list[str]) -> None:
     """Refuse to reach for the computers that the pages name as examples."""
-    ends = [after for word, after in pairwise(arguments) if word == "--connect"]
+    ends = [after for word, after in pairwise(arguments) if word in ("--connect", "--port")]
     here = [end.startswith("/dev/pts/") or "/127.0.0.1:" in end or Path(end).is_socket() for end in ends]
     assert all(here[-1:]), ends
     assert not any("://" in word and "://127.0.0.1:" not in word for word in arguments), arguments

@@ -13,6 +13,8 @@ import typer
 import yaml
 
 from hexctl.backends.base import LegServos
+from hexctl.backends.bus.bus_map import bus_map_of
+from hexctl.backends.pwm.pwm_map import pwm_map_of
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
 from hexctl.backends.sim.world import DomainRandomization, World
 from hexctl.cli.main import app, exit_code
@@ -22,8 +24,6 @@ from hexctl.gait.gait import DEFAULT_GAIT, make_gait
 from hexctl.robot.formats.link_frames import BASE_LINK
 from hexctl.robot.loader import load_meshes, load_robot, load_robot_file
 from hexctl.robot.schema import MountSection, RobotSchema
-from hexctl.robot.servos.bus_map import bus_map_of
-from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.testing import LegServosConformance
 from hexctl.types import JOINT_NAMES
 from hexctl.wire.certificates import make_certificates
@@ -174,8 +174,8 @@ class TestKitServos(LegServosConformance):
 @pytest.mark.usefixtures("kit_in_this_folder")
 def test_the_section_servos_and_the_port_reach_the_kit(tmp_path: Path) -> None:
     port = tmp_path / "port"
-    check_options(KIT, connect=str(port))
-    with make_servos(KIT, kit_options(connect=str(port))) as servos:
+    check_options(KIT, port=str(port))
+    with make_servos(KIT, kit_options(port=str(port))) as servos:
         state = servos.read()
         assert not state.measured
     assert port.read_text() == ""

@@ -248,7 +248,7 @@ def test_foxglove_has_a_place_for_every_panel_and_knows_the_topics(folder: Path)
     assert {"/robot_description", "/diagnostics"} <= topics
 
 
-GIVEN = {"robot": "ant", "backend": "sim", "connect": "", "drive": "false", "namespace": ""}
+GIVEN = {"robot": "ant", "backend": "sim", "port": "", "drive": "false", "namespace": ""}
 
 
 @pytest.mark.parametrize(
@@ -257,7 +257,7 @@ GIVEN = {"robot": "ant", "backend": "sim", "connect": "", "drive": "false", "nam
         ({}, {}, "sim --ros"),
         ({"drive": "true", "namespace": "lab/ant"}, {}, "sim --ros --ros-drive --ros-namespace lab/ant"),
         ({}, {"ROS_DOMAIN_ID": "7", "ROS_DISTRO": "humble"}, "sim --ros --ros-domain 7 --ros-humble"),
-        ({"connect": "/dev/ttyUSB0", "backend": "feetech"}, {}, "feetech --ros --connect /dev/ttyUSB0"),
+        ({"port": "/dev/ttyUSB0", "backend": "feetech"}, {}, "feetech --ros --port /dev/ttyUSB0"),
     ],
 )
 def test_the_launch_file_starts_a_robot_with_options_that_exist(

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from hexctl.backends.registry import raw_map_of
 from hexctl.backends.sim.world import load_world
 from hexctl.control.checks.feasibility import check_robot
 from hexctl.errors import InputError
@@ -61,7 +62,7 @@ inner = st.lists(st.floats(0.1, 0.9), min_size=3, max_size=3)
 def test_freenove_gets_the_pulses_of_its_own_inverse_kinematics(shares: list[float]) -> None:
     """Its servo angles: 90 - yaw; 90 - b and c on the right, 90 + b and 180 - c on the left."""
     angles_rad = _angles("freenove-big", shares)
-    pulses = load_robot_file("freenove-big").raw_map.raw(angles_rad).reshape(6, 3)
+    pulses = raw_map_of(load_robot_file("freenove-big")).raw(angles_rad).reshape(6, 3)
     for leg, (outward, aside, up) in enumerate(1000 * _feet_of_legs("freenove-big", angles_rad)):
         turned_deg = math.degrees(math.pi / 2 - math.atan2(aside, outward))
         reach = math.hypot(outward, aside) - 33
@@ -84,7 +85,7 @@ def test_freenove_gets_the_pulses_of_its_own_inverse_kinematics(shares: list[flo
 def test_phantomx_ax_gets_the_counts_of_its_own_inverse_kinematics(shares: list[float]) -> None:
     """Coxae count rearward and are turned on the right; femurs count downward, tibiae from 136.3 degrees."""
     angles_rad = _angles("phantomx-ax", shares)
-    counts = load_robot_file("phantomx-ax").raw_map.raw(angles_rad)
+    counts = raw_map_of(load_robot_file("phantomx-ax")).raw(angles_rad)
     degrees = np.degrees(angles_rad).reshape(6, 3)
     rearward = np.where([True] * 3 + [False] * 3, degrees[:, 0], -degrees[:, 0])
     femur = -degrees[:, 1] - 3.5
@@ -99,7 +100,7 @@ def test_jethexa_stands_as_its_description_says_with_centred_servos() -> None:
     bent = math.radians(85)
     reach = 0.04505 + 0.07703 + 0.123 * math.cos(bent)
     np.testing.assert_allclose(feet, np.tile([reach, 0, -0.123 * math.sin(bent)], (6, 1)), atol=1e-4)
-    np.testing.assert_array_equal(load_robot_file("jethexa").raw_map.raw(np.zeros(18)), 500)
+    np.testing.assert_array_equal(raw_map_of(load_robot_file("jethexa")).raw(np.zeros(18)), 500)
 
 
 @pytest.mark.parametrize("name", VENDORS_ROBOTS)

@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hexctl.backends.registry import raw_map_of
 from hexctl.errors import InputError, WrongTypeError
 from hexctl.ik.legs import solve_legs
 from hexctl.robot.configs import config_names
@@ -123,8 +124,8 @@ def test_what_all_joints_of_a_kind_have_is_known(tmp_path: Path) -> None:
 def test_the_raw_map_is_that_of_the_driver(driver: str | None, unit: str, tmp_path: Path) -> None:
     section = {"tibia": {"offset_deg": 30}} | ({} if driver is None else {"driver": driver})
     file = load_robot_file(edited_file(tmp_path, put("servos", section)))
-    assert file.raw_map.unit == unit
-    assert file.raw_map.offsets_deg[2] == 30
+    assert raw_map_of(file).unit == unit
+    assert raw_map_of(file).offsets_deg[2] == 30
 
 
 def _refusal(name_or_path: str | Path) -> str:

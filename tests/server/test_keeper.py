@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hexctl.backends.bus.bus_map import bus_map_of
 from hexctl.backends.bus.tools import scan_bus
 from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.i2c_socket import I2cSocket
 from hexctl.client.stop_client import clear_stop, estop
 from hexctl.control.controllers import sitting_angles_rad
 from hexctl.robot.loader import load_robot_file
-from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.server.keeper import KeeperSpec, take_over, wait_for_the_end
 from hexctl.simulators.register_servos import BusServo
 from hexctl.types import JOINT_NAMES, FloatArray
@@ -69,7 +69,7 @@ def test_ticks_that_end_are_a_server_that_hangs(ticks: bytes, stopped: bool) -> 
 
 def test_a_robot_file_that_is_edited_meanwhile_does_not_keep_it_from_the_servos(tmp_path: Path) -> None:
     file = edited_file(tmp_path, put("servos", FITTING), base="phantomx")
-    spec = KeeperSpec(backend="feetech", robot=str(file), connect="/dev/null", sits=True)
+    spec = KeeperSpec(backend="feetech", robot=str(file), port="/dev/null", sits=True)
     before = spec.servos().robot
     file.write_text("servos: {", encoding="utf-8")
     assert spec.servos().robot == before
@@ -91,7 +91,7 @@ def walking(folder: Path) -> Iterator[tuple[Served, str]]:
     robot = ("--robot", str(file))
     with (
         board("--bus", "feetech", "--backend", "mock", *robot) as bus,
-        served(folder, *robot, "--connect", bus.port, backend="feetech") as server,
+        served(folder, *robot, "--port", bus.port, backend="feetech") as server,
         ExitStack() as stack,
     ):
         arguments = (*WALK, "--connect", server.endpoint, *robot)
@@ -136,7 +136,7 @@ def test_hobby_servos_on_an_i2c_bus_are_let_down_when_the_server_hangs(tmp_path:
     robot = ("--robot", str(file))
     with board("--bus", "pca9685", "--backend", "mock", *robot) as boards:
         with (
-            served(tmp_path, *robot, "--connect", boards.port, backend="pca9685") as server,
+            served(tmp_path, *robot, "--port", boards.port, backend="pca9685") as server,
             program(tmp_path, "walk", *WALK, "--connect", server.endpoint, *robot),
         ):
             assert "warning: pca9685 has no watchdog" in server.said()
@@ -154,7 +154,7 @@ def test_hobby_servos_on_an_i2c_bus_are_let_down_when_the_server_hangs(tmp_path:
 @pytest.mark.realtime
 def test_a_server_that_ends_as_it_should_ends_its_keeper(tmp_path: Path) -> None:
     with board("--bus", "feetech", "--backend", "mock", "--robot", "phantomx") as bus:
-        options = ("--robot", "phantomx", "--connect", bus.port)
+        options = ("--robot", "phantomx", "--port", bus.port)
         with served(tmp_path, *options, backend="feetech") as server:
             server.signal(signal.SIGINT)
             assert server.wait() == 0
@@ -171,8 +171,8 @@ def test_servos_without_torque_are_left_alone() -> None:
         assert not any(servo.holds for servo in bus._servos)
 
 
-def keeper(backend: str, robot: object, connect: str, *, sits: bool = True) -> KeeperSpec:
-    return KeeperSpec(backend=backend, robot=str(robot), connect=connect, sits=sits)
+def keeper(backend: str, robot: object, port: str, *, sits: bool = True) -> KeeperSpec:
+    return KeeperSpec(backend=backend, robot=str(robot), port=port, sits=sits)
 
 
 @pytest.mark.realtime

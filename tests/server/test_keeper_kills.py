@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hexctl.backends.bus.bus_map import bus_map_of
 from hexctl.backends.mock import MockServos
 from hexctl.backends.zenoh.zenoh_client import ZenohServos
 from hexctl.control.guard import Guard
 from hexctl.errors import HexctlError
 from hexctl.robot.loader import load_robot_file
-from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.types import FloatArray, JointTargets
 from hexctl.wire.links import Link
 from tests.backends.bus.boards import bus_board
@@ -55,7 +55,7 @@ def test_a_server_that_goes_in_mid_walk_leaves_the_robot_at_rest(
         folder.mkdir()
         with (
             bus_board(bus_map, servos=robot) as bus,
-            served(folder, "--robot", str(file), "--connect", bus.path, backend=driver) as server,
+            served(folder, "--robot", str(file), "--port", bus.path, backend=driver) as server,
         ):
             moved = threading.Event()
             walking = threading.Thread(target=_walk_until_it_fails, args=(server.endpoint, str(file), moved))

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.backends.bus.registers import table_of
 from hexctl.backends.clock import Standstill
 from hexctl.errors import InputError
 from hexctl.robot.configs import config_root
@@ -21,7 +20,7 @@ from hexctl.server.snapshot import RobotSnapshot
 from hexctl.simulators.register_servos import BusServo
 from hexctl.types import RobotState
 from hexctl.wire.stop import Clear, Stop
-from tests.backends.bus.boards import a_map, bus_board
+from tests.backends.bus.boards import MODELS_BY_NAME, a_map, bus_board
 from tests.server.bench import stopped_for
 from tests.server.processes import free_port
 
@@ -34,7 +33,7 @@ def test_a_port_that_is_missing_is_named_as_a_server_is_given_it(tmp_path: Path)
     file = tmp_path / "jethexa.yaml"
     shipped = (config_root() / "robots" / "jethexa.yaml").read_text(encoding="utf-8")
     file.write_text(re.sub(r"\n  port: .*", "", shipped), encoding="utf-8")
-    with pytest.raises(InputError, match=r"^connect"):
+    with pytest.raises(InputError, match=r"^port"):
         RobotService(backend="lx16a", robot=str(file)).run(lambda: True)
 
 
@@ -47,7 +46,7 @@ def test_a_robot_is_served_by_a_library_call(capsys: pytest.CaptureFixture[str])
 
 
 def served_on_a_bus(path: str, stop: Callable[[], bool], **callbacks: Any) -> None:
-    RobotService(backend="feetech", robot="phantomx", listen=local(), connect=path).run(stop, **callbacks)
+    RobotService(backend="feetech", robot="phantomx", listen=local(), port=path).run(stop, **callbacks)
 
 
 def test_a_keeper_that_has_ended_is_told_without_making_the_robot_wait(
@@ -81,7 +80,7 @@ def test_servos_that_keep_their_torque_are_mentioned_at_the_end(holds: bool) -> 
     with bus_board(a_map()) as board:
         for servo in board._servos:
             assert isinstance(servo, BusServo)
-            servo.memory[table_of("sts3215").torque.address] = holds
+            servo.memory[MODELS_BY_NAME["sts3215"].table.torque.address] = holds
         started: list[ServiceStarted] = []
         said: list[str] = []
         served_on_a_bus(board.path, lambda: bool(started), on_started=started.append, on_event=said.append)

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from hexctl.backends.bus.lx16a import LX16A
+from hexctl.backends.bus.families.lx16a import PACKETS
 from hexctl.backends.bus.packets import PROTOCOLS, PacketFormat, PacketStream
 from hexctl.errors import InputError
-from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
+from hexctl.robot.servos.drivers import FAMILIES, PWM_DRIVERS
 from hexctl.server.service import ServiceStarted
 from hexctl.simulators.board_faults import BUS_FAULTS, BoardFault, BusFaults, parse_fault
 from hexctl.simulators.board_service import BoardService
@@ -63,7 +63,7 @@ def _begun(*texts: str) -> BusFaults:
     return faults
 
 
-@pytest.mark.parametrize("packets", [PROTOCOLS[1], PROTOCOLS[2], LX16A], ids=["1.0", "2.0", "lx16a"])
+@pytest.mark.parametrize("packets", [PROTOCOLS[1], PROTOCOLS[2], PACKETS], ids=["1.0", "2.0", "lx16a"])
 def test_as_many_answers_are_garbled_or_wild_as_was_asked_for(packets: PacketFormat) -> None:
     answer = packets.status(7, 28, bytes(2))
     for fault in ("garble:0.25", "wild:0.25"):
@@ -75,7 +75,7 @@ def test_as_many_answers_are_garbled_or_wild_as_was_asked_for(packets: PacketFor
         assert (packet.servo_id, packet.error, len(packet.parameters)) == (7, 28, 2)
 
 
-@pytest.mark.parametrize("driver", [None, *BUS_DRIVERS, *PWM_DRIVERS])
+@pytest.mark.parametrize("driver", [None, *FAMILIES, *PWM_DRIVERS])
 def test_every_driver_has_a_simulated_bus_or_board_that_reports_its_counts(driver: Any) -> None:
     started: list[ServiceStarted] = []
     options: dict[str, Any] = {"pty": True} if driver is None else {"bus": driver}
@@ -89,7 +89,7 @@ def test_every_driver_has_a_simulated_bus_or_board_that_reports_its_counts(drive
     [
         ({"backend": "mavlink"}, "backend"),
         ({"expiry_s": 2.0}, "got 2; allowed: 0.05 to 1 s"),
-        ({"connect": "udpin:127.0.0.1:1", "pty": True}, "pty"),
+        ({"port": "udpin:127.0.0.1:1", "pty": True}, "pty"),
         ({"bus": "feetech", "backend": "zenoh"}, "backend"),
         ({"bus": "pca9685", "backend": "mock", "model": "sts3215"}, "model: got sts3215"),
         ({"bus": "servo2040", "backend": "mock", "model": "chica"}, "model: got chica"),

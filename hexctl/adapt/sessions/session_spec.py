@@ -129,7 +129,10 @@ class SessionSpec(AdaptOptions):
 
     def own_seal(self) -> str:
         """Seal of this user for the robot; empty for a simulation, and if the state folder has no secret."""
-        chosen = [str(getattr(self, name)) for name in ("robot", "backend", "connect", "link", "credentials")]
+        chosen = [
+            str(getattr(self, name))
+            for name in ("robot", "backend", "connect", "port", "link", "credentials")
+        ]
         key = b"" if self.simulated else _sealing_key()
         return hmac.digest(key, repr(chosen).encode(), "sha256").hex() if key else ""
 
@@ -150,8 +153,8 @@ class SessionSpec(AdaptOptions):
         if not (own or trust or "servos" in given):
             raise InputError(
                 f"session: another user or computer may have chosen its robot, {self.robot} by "
-                f"{self.backend} at {self.connect or self.link or 'the default'}; to move that one, add "
-                f"{argument('trust')}"
+                f"{self.backend} at {self.connect or self.port or self.link or 'the default'}; to move "
+                f"that one, add {argument('trust')}"
             )
 
     def as_json(self) -> dict[str, Any]:

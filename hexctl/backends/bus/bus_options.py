@@ -2,16 +2,16 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from hexctl.backends.serial_ports import SerialAddress
 from hexctl.errors import InputError, argument
 from hexctl.options import RARE, Typed, check_fields
-from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS, BusDriver
-from hexctl.robot.servos.servo_models import BAUD, DEFAULT_BAUDS, USUAL_BAUDS
+from hexctl.robot.servos.drivers import BAUD, PWM_DRIVERS, bus_drivers
 
 if TYPE_CHECKING:
-    from hexctl.robot.servos.bus_map import BusMap
+    from hexctl.backends.bus.bus_map import BusMap
+    from hexctl.backends.bus.family import Family
     from hexctl.robot.servos.servo_schema import ServosSection
 
 #: Asks at every usual baud rate of a driver.
@@ -32,9 +32,16 @@ def parse_bauds(text: str) -> int | str:
 class BusAddress:
     """Driver, serial device and bits per second of a bus."""
 
-    driver: BusDriver
+    driver: str
     path: str
     baud: int
+
+    @property
+    def family(self) -> "Family":
+        """Family of its servos."""
+        from hexctl.backends.bus.family import find_family
+
+        return find_family(self.driver)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,14 +50,16 @@ class BusOptions:
 
     PANEL: ClassVar = "Bus"
 
-    driver: BusDriver | None = None
-    """Protocol of the servos: dynamixel, feetech or lx16a. (default: that of --robot, else required)"""
+    driver: Annotated[str | None, Typed(words="drivers")] = None
+    """Protocol of the servos: dynamixel, feetech, lx16a or that of a plug-in. (default: that of --robot, else
+    required)
+    """
 
-    connect: Annotated[str | None, Typed(also="port")] = None
+    port: str | None = None
     """Serial device of the bus, such as /dev/ttyUSB0. (default: that of --robot, else required)"""
 
     baud: Annotated[int | None, BAUD, RARE] = None
-    """Bits per second, {}. (default: that of --robot, else 1000000, with lx16a 115200)"""
+    """Bits per second, {}. (default: that of --robot, else the usual one of the driver)"""
 
     robot: str | None = None
     """Robot file whose section servos has driver, port and baud. (default: none)"""
@@ -63,18 +72,20 @@ class BusOptions:
 
         Raises InputError without a driver or a port, and for a robot file with hobby servos.
         """
+        from hexctl.backends.bus.family import find_family
+
         section = self._section()
-        driver = self._driver(section)
-        text, of_file = self.connect, None
+        family = find_family(self._driver(section))
+        text, of_file = self.port, None
         if section is not None:
             text, of_file = text or section.port, section.baud
-        address = SerialAddress.parse(text, self.baud or of_file or DEFAULT_BAUDS[driver])
-        return BusAddress(driver, address.path, address.baud)
+        address = SerialAddress.parse(text, self.baud or of_file or family.bauds[0])
+        return BusAddress(family.name, address.path, address.baud)
 
     def servo_map(self) -> "BusMap | None":
         """Return the ids of all joints by the robot file; None without one."""
+        from hexctl.backends.bus.bus_map import bus_map_of
         from hexctl.robot.loader import load_robot_file
-        from hexctl.robot.servos.bus_map import bus_map_of
 
         if self.robot is None:
             return None
@@ -86,21 +97,20 @@ class BusOptions:
 
         return None if self.robot is None else load_robot_file(self.robot).content.servos
 
-    def _driver(self, section: "ServosSection | None") -> BusDriver:
+    def _driver(self, section: "ServosSection | None") -> str:
         of_file = None if section is None else section.driver
         if of_file in PWM_DRIVERS:
             raise InputError(
                 f"{argument('robot')}: got {self.robot}, whose hobby servos ({of_file}) do not answer; "
-                f"allowed: a robot file with {', '.join(BUS_DRIVERS)}"
+                f"allowed: a robot file with {', '.join(bus_drivers())}"
             )
         if self.driver is not None and of_file not in (None, self.driver):
             raise InputError(
                 f"{argument('driver')}: got {self.driver}; allowed: {of_file}, with this robot file"
             )
-        for driver in BUS_DRIVERS:
-            if driver == (self.driver or of_file):
-                return driver
-        raise InputError(f"{argument('driver')}: got none; allowed: {', '.join(BUS_DRIVERS)}")
+        if driver := self.driver or of_file:
+            return driver
+        raise InputError(f"{argument('driver')}: got none; allowed: {', '.join(bus_drivers())}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,7 +119,7 @@ class ScanOptions(BusOptions):
 
     bauds: Annotated[int | str | None, Typed(flag="baud", parse=parse_bauds)] = None
     """Bits per second, 1200..4500000, or all: every usual baud rate of the driver, one after the other.
-    (default: that of --robot, else 1000000, with lx16a 115200)
+    (default: that of --robot, else the usual one of the driver)
     """
 
     def __post_init__(self) -> None:
@@ -118,7 +128,7 @@ class ScanOptions(BusOptions):
 
     def bauds_at(self, address: BusAddress) -> tuple[int, ...]:
         """Return the baud rates to ask at."""
-        return USUAL_BAUDS[address.driver] if self.bauds == ALL_BAUDS else (address.baud,)
+        return address.family.bauds if self.bauds == ALL_BAUDS else (address.baud,)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,8 +142,10 @@ class ServoAssignmentOptions(BusOptions):
     Unfinished sections are kept in a file next to it.
     """
 
-    model: Annotated[Literal["lx16a", "lx224", "hts35h"] | None, RARE] = None
-    """Model of servos that do not report theirs, those of lx16a. (default: that of --robot, else lx16a)"""
+    model: Annotated[str | None, RARE] = None
+    """Model of servos that do not report theirs: lx16a, lx224 or hts35h. (default: that of --robot, else the
+    first)
+    """
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -143,16 +155,17 @@ class ServoAssignmentOptions(BusOptions):
                 "file, because none is written to"
             )
 
-    def unreported_model(self, driver: str) -> str | None:
+    def unreported_model(self, family: "Family") -> str | None:
         """Return the model, from the option or the robot file, of servos that do not report theirs.
 
-        Raises InputError for a model of servos that report theirs.
+        Raises InputError for a model of servos that report theirs, and for one that the family does not have.
         """
-        if driver != "lx16a" and self.model is not None:
+        if family.reports_model and self.model is not None:
             raise InputError(
-                f"{argument('model')}: got {self.model} with {driver}; allowed: with lx16a; others report "
-                "their model"
+                f"{argument('model')}: got {self.model} with {family.name}; allowed: none, because its "
+                "servos report their model"
             )
         section = self._section()
-        of_file = None if driver != "lx16a" or section is None else section.model
-        return self.model or of_file
+        of_file = None if family.reports_model or section is None else section.model
+        asked = self.model or of_file
+        return None if asked is None else family.model(asked).name

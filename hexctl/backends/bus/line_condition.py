@@ -4,19 +4,15 @@ In a brown-out many servos report low voltage and restart without torque, some w
 or noise damages answers while the voltage is good, often those of one leg.
 """
 
-from collections.abc import Collection, Sequence
-
 import numpy as np
 
-from hexctl.robot.servos.bus_map import BusMap
+from hexctl.backends.bus.bus_map import BusMap
+from hexctl.backends.bus.servo_bus import WINDOW, AnswerShares
 from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, ServoReadings
 
-#: Questions over which shares are taken, and bad answers among them with which a share is no accident.
-WINDOW, LEAST_BAD = 200, 10
-
-#: Unanswered requests in a row from which a servo counts as silent, which is no sign of a bad line.
-MOST_IN_A_ROW = 10
+#: Bad answers with which a share is no accident.
+LEAST_BAD = 10
 
 #: Share of damaged or missing answers that starts a warning, and share that ends it.
 DAMAGED, GOOD = 0.05, 0.03
@@ -35,33 +31,6 @@ _OF_A_RESTART = ("", "limp", "voltage", "hardware alert", "hardware alert (volta
 
 #: How long a brown-out explains what servos do, and how fast the usual voltage follows a battery's.
 REMEMBERS_S, DRAINS_S = 10.0, 60.0
-
-
-class AnswerShares:
-    """Recent shares of questions without a complete answer, `damaged`, and their numbers, by joint."""
-
-    def __init__(self) -> None:
-        self.damaged, self.asked = [0.0] * N_JOINTS, [0] * N_JOINTS
-        self._missed = [0] * N_JOINTS  # in a row
-
-    def take(self, asked: Sequence[int], heard: Collection[int]) -> None:
-        """Count which joints were asked, and which of them answered.
-
-        Questions without an answer count once an answer comes: a silent servo has no bad answers.
-        """
-        for joint in asked:
-            if joint not in heard:
-                self._missed[joint] += 1
-                continue
-            missed, self._missed[joint] = self._missed[joint], 0
-            for _ in range(missed if missed <= MOST_IN_A_ROW else 0):
-                self._note(joint, 1.0)
-            self._note(joint, 0.0)
-
-    def _note(self, joint: int, damaged: float) -> None:
-        self.asked[joint] += 1
-        weight = max(1 / self.asked[joint], 1 / WINDOW)
-        self.damaged[joint] += weight * (damaged - self.damaged[joint])
 
 
 class LineCondition:

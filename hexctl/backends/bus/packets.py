@@ -101,6 +101,7 @@ class SumPackets(PacketFormat):
         counted: bytes besides the parameters that the length counts.
         most_parameters: maximum number of parameters.
         answers: parameters of the answer by instruction, if answers repeat the instruction.
+        probe: instruction that every servo answers without any change.
     """
 
     def __init__(
@@ -111,7 +112,9 @@ class SumPackets(PacketFormat):
         most_parameters: int = MOST_PARAMETERS,
         most_id: int = BROADCAST,
         answers: Mapping[int, int] | None = None,
+        probe: int = PING,
     ) -> None:
+        self.probe = probe
         self._header, self._counted = header, counted
         self._most, self._most_id, self._sizes = most_parameters, most_id, answers
         self.names_question = answers is not None

@@ -1,12 +1,12 @@
 """One servo on a bus by its id, of any protocol."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Self, TypeVar
 
 from hexctl.backends.bus.packet_line import PacketLine
-from hexctl.robot.servos.servo_models import ServoType
+from hexctl.backends.bus.servo_type import ServoType
 
 #: Tries of what must arrive.
 TRIES = 4
@@ -98,6 +98,11 @@ class Servo(ABC):
     def __init__(self, packets: PacketLine, servo_id: int, model: ServoType) -> None:
         self._packets, self.servo_id, self.type = packets, servo_id, model
 
+    @classmethod
+    def identified(cls, packets: PacketLine, servo_id: int, models: Sequence[ServoType]) -> Self:
+        """Servo with this id, of the one of some models that it reports; of the first if it reports none."""
+        return cls(packets, servo_id, models[0])
+
     def answers(self, *, tries: int = TRIES) -> bool:
         """Whether it answers."""
         return self._packets.ping(self.servo_id, tries=tries)
@@ -163,8 +168,9 @@ class Servo(ABC):
         self.servo_id = before
         return said or "it does not answer to it"
 
-    def reboot(self) -> None:  # noqa: B027  not every servo can
-        """Restart without torque, if possible."""
+    def reboot(self) -> bool:
+        """Restart without torque; False for a servo that cannot."""
+        return False
 
     @abstractmethod
     def _write_id(self, servo_id: int) -> str:

@@ -4,24 +4,29 @@ Arrays are by servo, in the order of the ids, (n,). A bus does not know which se
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 
 from hexctl.backends.bus.damage import Damage, Listener
-from hexctl.backends.bus.line_condition import AnswerShares
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.servo import TRIES, Servo, ServoSettings
+from hexctl.backends.bus.servo_type import ServoType
 from hexctl.backends.port_thread import PortCounters
-from hexctl.robot.servos.servo_models import ServoType
-from hexctl.types import BoolArray, FloatArray
+from hexctl.types import N_JOINTS, BoolArray, FloatArray
 
 #: Maximum distance beyond its stored limits at which a servo gets torque.
 #:
 #: Farther out it would rush back.
 BEYOND_DEG = 2.0
+
+#: Questions over which shares of damaged answers are taken.
+WINDOW = 200
+
+#: Unanswered requests in a row from which a servo counts as silent, which is no sign of a bad line.
+MOST_IN_A_ROW = 10
 
 #: Warning that replaces one which names many mute servos.
 MANY_MUTE = "mute: servos of more than two legs"
@@ -46,6 +51,33 @@ class Report:
     voltage_v: float
     temperature_c: float
     error: str
+
+
+class AnswerShares:
+    """Recent shares of questions without a complete answer, `damaged`, and their numbers, by joint."""
+
+    def __init__(self) -> None:
+        self.damaged, self.asked = [0.0] * N_JOINTS, [0] * N_JOINTS
+        self._missed = [0] * N_JOINTS  # in a row
+
+    def take(self, asked: Sequence[int], heard: Collection[int]) -> None:
+        """Count which joints were asked, and which of them answered.
+
+        Questions without an answer count once an answer comes: a silent servo has no bad answers.
+        """
+        for joint in asked:
+            if joint not in heard:
+                self._missed[joint] += 1
+                continue
+            missed, self._missed[joint] = self._missed[joint], 0
+            for _ in range(missed if missed <= MOST_IN_A_ROW else 0):
+                self._note(joint, 1.0)
+            self._note(joint, 0.0)
+
+    def _note(self, joint: int, damaged: float) -> None:
+        self.asked[joint] += 1
+        weight = max(1 / self.asked[joint], 1 / WINDOW)
+        self.damaged[joint] += weight * (damaged - self.damaged[joint])
 
 
 @dataclass(slots=True, kw_only=True)

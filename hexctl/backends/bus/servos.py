@@ -5,19 +5,18 @@ from pathlib import Path
 
 import numpy as np
 
+from hexctl.backends.bus.bus_map import BusMap
 from hexctl.backends.bus.damage import Damage
 from hexctl.backends.bus.line_condition import LineCondition
 from hexctl.backends.bus.readings import BelievedReadings, polls
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo_bus import MANY_MUTE, BusCounters, Report, ServoBus
-from hexctl.backends.bus.tools import BUSES, bus_of, check_no_unexpected_ids, lost_id_notes, other_settings
+from hexctl.backends.bus.tools import bus_of, check_no_unexpected_ids, lost_id_notes, other_settings
 from hexctl.backends.clock import Clock
 from hexctl.backends.port_thread import PortThread
 from hexctl.backends.ticked_servos import PortServos
 from hexctl.errors import RobotFaultError
 from hexctl.robot.model import Robot
-from hexctl.robot.servos.bus_map import BusMap
-from hexctl.robot.servos.servo_models import DEFAULT_BAUDS, SERVO_TYPES
 from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.types import N_JOINTS, TOO_HOT_C, WARM_C, BoolArray, FloatArray, RobotState, ServoReadings
 
@@ -153,7 +152,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         clock: Clock | None = None,
     ) -> None:
         super().__init__(robot, servo_map=bus_map, port=port, counters=BusCounters(), clock=clock)
-        self._baud = baud or DEFAULT_BAUDS[bus_map.driver]
+        self._baud = baud or bus_map.family.bauds[0]
         self._held = False
         self._notes: tuple[str, ...] = ()
         self._garbled = 0  # bytes until something was heard last
@@ -197,7 +196,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             advice = ""
             if first and not found.any() and (not bus.damage or bus.damage.at_many_ids):
                 line.close()
-                driver = self._map.driver
+                driver = self._map.family.name
                 advice = other_settings(self._port, driver, (self._baud,), drivers=(driver,))
             self._check_found(found, bus.damage, advice and f"; {advice}")
             noise = [bus.damage.description(self._port)] if bus.damage.noisy and found.all() else []
@@ -236,11 +235,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
                 )
 
     def _model_advice(self, number: int | None) -> str:
-        names = [
-            each.name
-            for each in SERVO_TYPES.values()
-            if (each.driver, each.number) == (self._map.driver, number) and number
-        ]
+        names = [each.name for each in self._map.family.models if each.number == number and number]
         if not names:
             return "check `model` in the robot file; or do the servos need another driver?"
         which = " or ".join(names)
@@ -298,7 +293,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         age_s = float(servos.ages_s.min())
         heard: BoolArray = np.isfinite(counts)
         positions = np.where(heard, self._map.angles_rad(np.where(heard, counts, 0.0)), self._sent_rad)
-        stale = servos.ages_s > BUSES[self._map.driver].stale_s
+        stale = servos.ages_s > self._map.family.bus.stale_s
         efforts = self._map.signs * servos.efforts
         torques = None if np.isnan(efforts).any() else efforts * self._robot.joint_max_torque_nm
         warnings = self._warnings(servos, silences_s, thread.limp)
@@ -339,7 +334,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         warnings = [*self._notes]
         if limp.any():
             warnings.append(f"no torque: {self._map.names(limp)}")
-        mute_s = BUSES[self._map.driver].mute_s
+        mute_s = self._map.family.bus.mute_s
         mute = silences_s > mute_s
         warnings += self._condition.warnings(servos, limp, mute)
         if np.count_nonzero(mute) > MOST_MUTE:

@@ -6,29 +6,21 @@ from itertools import count
 
 import numpy as np
 
-from hexctl.backends.bus import lx16a as lx
+from hexctl.backends.bus.bus_map import BusMap
 from hexctl.backends.bus.damage import Damage, Listener
+from hexctl.backends.bus.family import Family, find_family
 from hexctl.backends.bus.packet_line import PacketLine
-from hexctl.backends.bus.packets import BROADCAST, PROTOCOLS, PacketFormat
-from hexctl.backends.bus.register_bus import RegisterBus
-from hexctl.backends.bus.register_servo import register_servo
+from hexctl.backends.bus.packets import BROADCAST
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo import TRIES, FoundServo, Servo
 from hexctl.backends.bus.servo_bus import BusCounters, ServoBus
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.model import Robot
-from hexctl.robot.servos.bus_map import BusMap
-from hexctl.robot.servos.servo_models import SERVO_ID, SERVO_TYPES, USUAL_BAUDS
+from hexctl.robot.servos.drivers import SERVO_ID, bus_drivers
 from hexctl.types import JOINT_NAMES, N_JOINTS, BoolArray
 
 #: Ids that a servo can have, and the one that it has from the factory.
 IDS, FACTORY_ID = tuple(range(int(SERVO_ID.low), int(SERVO_ID.high) + 1)), 1
-
-#: Protocols of each driver, the more likely one first.
-PROTOCOLS_OF = {"dynamixel": (2, 1), "feetech": (1,), "lx16a": (1,)}
-
-#: Bus of each driver.
-BUSES: dict[str, type[ServoBus]] = {"dynamixel": RegisterBus, "feetech": RegisterBus, "lx16a": lx.Lx16aBus}
 
 #: How long an answer may take besides its time on the wire; 16 ms of it may be the adapter's.
 TIMEOUT_S = 0.02
@@ -52,16 +44,11 @@ REBOOTS_S = 1.0
 Progress = Callable[[int, int], None]
 
 
-def packets_of(driver: str, protocol: int) -> PacketFormat:
-    """Format of the packets of a driver's protocol."""
-    return lx.LX16A if driver == "lx16a" else PROTOCOLS[protocol]
-
-
 def bus_of(servos: BusMap, line: SerialLine, counters: BusCounters) -> ServoBus:
     """Bus of the servos of all joints on an open line, in the order of the joints."""
-    packets = PacketLine(line, packets_of(servos.driver, servos.protocol))
+    packets = PacketLine(line, servos.family.formats[servos.protocol])
     models = dict(zip(servos.ids.tolist(), servos.models, strict=True))
-    bus = BUSES[servos.driver](packets, models, counters)
+    bus = servos.family.bus(packets, models, counters)
     for servo in bus.servos:
         servo.p_gain = servos.p_gain
     return bus
@@ -79,45 +66,31 @@ def opened_line(path: str, baud: int) -> Iterator[SerialLine]:
         line.close()
 
 
-def tool_line(line: SerialLine, driver: str, protocol: int) -> PacketLine:
+def tool_line(line: SerialLine, family: Family, protocol: int) -> PacketLine:
     """Packets on a line with unknown servos; learns whether the adapter echoes."""
-    packets = PacketLine(line, packets_of(driver, protocol), timeout_s=TIMEOUT_S, adapts=False)
+    packets = PacketLine(line, family.formats[protocol], timeout_s=TIMEOUT_S, adapts=False)
     packets.learn_echo()
     return packets
 
 
-def servo_with(packets: PacketLine, driver: str, protocol: int, servo_id: int) -> Servo:
-    """One servo of a driver; one with registers is asked for its model."""
-    if driver == "lx16a":
-        return lx.Lx16aServo(packets, servo_id, SERVO_TYPES["lx16a"])
-    return register_servo(packets, driver, servo_id, protocol)
-
-
-def _protocols_of(driver: str) -> tuple[int, ...]:
-    """Protocols of a driver; raises InputError for an unknown one."""
-    if driver not in PROTOCOLS_OF:
-        raise InputError(f"{argument('driver')}: got {driver!r}; allowed: {', '.join(PROTOCOLS_OF)}")
-    return PROTOCOLS_OF[driver]
-
-
-def _find_servo(line: SerialLine, driver: str, servo_id: int) -> Servo | None:
-    """Servo with this id, in any protocol of the driver; None if none answers.
+def _find_servo(line: SerialLine, family: Family, servo_id: int) -> Servo | None:
+    """Servo with this id, in any protocol of the family; None if none answers.
 
     Raises RobotFaultError for damaged answers: several servos may have this id.
     """
-    for protocol in _protocols_of(driver):
-        listener = Listener(tool_line(line, driver, protocol))
+    for protocol in family.formats:
+        listener = Listener(tool_line(line, family, protocol))
         answers = listener.answers(servo_id, tries=TRIES)
         if damage := listener.damage():
             raise RobotFaultError(damage.description(line.path))
         if answers:
-            return servo_with(listener.packets, driver, protocol, servo_id)
+            return family.servo_with(listener.packets, protocol, servo_id)
     return None
 
 
 def the_servo(line: SerialLine, driver: str, servo_id: int) -> Servo:
     """Servo with this id; raises RobotFaultError if none answers, or if answers are damaged."""
-    servo = _find_servo(line, driver, servo_id)
+    servo = _find_servo(line, find_family(driver), servo_id)
     if servo is None:
         raise RobotFaultError(
             f"no servo with id {servo_id} answers on {line.path} at {line.baud} baud; `hexctl servos scan` "
@@ -137,27 +110,27 @@ def scan_bus(
     """Servos that answer on a port, by id. Nothing is switched and nothing moves.
 
     Args:
-        driver: `dynamixel`, `feetech` or `lx16a`.
+        driver: name of the servos' family.
         bauds: bits per second, tried in this order.
         progress: called before each question.
         on_damage: called for each baud rate and protocol with bytes outside answers.
 
     Raises InputError for another driver, RobotFaultError for a port that cannot be opened or is lost.
     """
-    protocols = _protocols_of(driver)
-    asked, of = count(), len(bauds) * len(protocols) * len(ids)
+    family = find_family(driver)
+    asked, of = count(), len(bauds) * len(family.formats) * len(ids)
     found: list[FoundServo] = []
     for baud in bauds:
         with opened_line(path, baud) as line:
             at_baud: dict[int, FoundServo] = {}
-            for protocol in protocols:
-                listener = Listener(tool_line(line, driver, protocol))
+            for protocol in family.formats:
+                listener = Listener(tool_line(line, family, protocol))
                 for servo_id in ids:
                     progress(next(asked), of)
-                    _look_at(listener, driver, protocol, servo_id, at_baud)
+                    _look_at(listener, family, protocol, servo_id, at_baud)
                 # Those that gave no answer among others that did are asked once more.
                 for servo_id in [each for each in ids if each <= max(at_baud, default=-1) + 1]:
-                    _look_at(listener, driver, protocol, servo_id, at_baud)
+                    _look_at(listener, family, protocol, servo_id, at_baud)
                 if damage := listener.damage():
                     on_damage(damage)
                     if damage.noisy or damage.at_many_ids:
@@ -167,12 +140,12 @@ def scan_bus(
 
 
 def _look_at(
-    listener: Listener, driver: str, protocol: int, servo_id: int, found: dict[int, FoundServo]
+    listener: Listener, family: Family, protocol: int, servo_id: int, found: dict[int, FoundServo]
 ) -> None:
     def look() -> bool | None:
         if not listener.packets.ping(servo_id):
             return None
-        found[servo_id] = servo_with(listener.packets, driver, protocol, servo_id).look()
+        found[servo_id] = family.servo_with(listener.packets, protocol, servo_id).look()
         return found[servo_id].position is not None  # pings of two servos may be alike, and positions are not
 
     if servo_id not in found:
@@ -180,20 +153,20 @@ def _look_at(
 
 
 def other_settings(
-    path: str, driver: str, bauds: Collection[int], drivers: Collection[str] = tuple(PROTOCOLS_OF)
+    path: str, driver: str, bauds: Collection[int], drivers: Collection[str] | None = None
 ) -> str:
     """Other drivers and usual baud rates at which servos answer, as text; empty for none.
 
     Families answer each other's requests: a servo of a known model is preferred, and of another driver
     required.
     """
-    others = [
-        (each, baud) for each in drivers for baud in USUAL_BAUDS[each] if each != driver or baud not in bauds
-    ]
+    families = [find_family(each) for each in (bus_drivers() if drivers is None else drivers)]
     found = [
-        (each, servo)
-        for each, baud in others
-        if (servo := _a_servo(path, each, baud, known=each not in (driver, "lx16a")))
+        (each.name, servo)
+        for each in families
+        for baud in each.bauds
+        if each.name != driver or baud not in bauds
+        if (servo := _a_servo(path, each, baud, known=each.name != driver and each.reports_model))
     ]
     found = [(each, servo) for each, servo in found if servo.model is not None] or found
     return " or ".join(
@@ -205,10 +178,10 @@ def other_settings(
     )
 
 
-def _a_servo(path: str, driver: str, baud: int, *, known: bool) -> FoundServo | None:
+def _a_servo(path: str, family: Family, baud: int, *, known: bool) -> FoundServo | None:
     """A servo with one of a few ids; with `known` only one of a known model."""
     try:
-        found = scan_bus(path, driver, baud, ids=FIRST_IDS)
+        found = scan_bus(path, family.name, baud, ids=FIRST_IDS)
     except RobotFaultError:
         return None  # a rate that the adapter does not have
     return next((each for each in found if each.model is not None or not known), None)
@@ -216,9 +189,10 @@ def _a_servo(path: str, driver: str, baud: int, *, known: bool) -> FoundServo | 
 
 def check_family(path: str, driver: str, bauds: Collection[int]) -> None:
     """Raise InputError if servos of another driver answer, and none of this one at these baud rates."""
-    if any(_a_servo(path, driver, baud, known=driver != "lx16a") for baud in bauds):
+    family = find_family(driver)
+    if any(_a_servo(path, family, baud, known=family.reports_model) for baud in bauds):
         return
-    if others := other_settings(path, driver, bauds, [each for each in PROTOCOLS_OF if each != driver]):
+    if others := other_settings(path, driver, bauds, [each for each in bus_drivers() if each != driver]):
         raise InputError(f"{argument('driver')}: got {driver}, but {others}")
 
 
@@ -244,7 +218,8 @@ def set_servo_id(
     answers, RobotFaultError when it does not take the id.
     """
     SERVO_ID.check(argument("new_id"), new_id)
-    told = _ids_by_broadcast(path, baud) if driver == "lx16a" else []
+    family = find_family(driver)
+    told = [] if family.id_question is None else _ids_by_broadcast(path, family, family.id_question, baud)
     damages: list[Damage] = []
     found = scan_bus(path, driver, baud, ids=told or IDS, progress=progress, on_damage=damages.append)
     answering = told or [each.servo_id for each in found]
@@ -256,12 +231,12 @@ def set_servo_id(
         more = "".join(f"; {each}" for each in reasons if each)
         raise InputError(f"servos that answer: got {answer}; allowed: exactly one on the bus{more}")
     servo = found[0]
-    if driver == "feetech" and servo.model is None:
-        known = [each.name for each in SERVO_TYPES.values() if each.driver == driver and each.number]
+    if family.ids_differ and servo.model is None:
+        known = [each.name for each in family.models if each.number]
         raise InputError(f"model number: got {servo.model_number}; allowed: those of {', '.join(known)}")
     with opened_line(path, baud) as line:
-        packets = tool_line(line, driver, servo.protocol)
-        return _give_id(servo_with(packets, driver, servo.protocol, servo.servo_id), new_id)
+        packets = tool_line(line, family, servo.protocol)
+        return _give_id(family.servo_with(packets, servo.protocol, servo.servo_id), new_id)
 
 
 def _give_id(servo: Servo, new_id: int) -> FoundServo:
@@ -271,14 +246,14 @@ def _give_id(servo: Servo, new_id: int) -> FoundServo:
     return servo.look()
 
 
-def _ids_by_broadcast(path: str, baud: int) -> list[int]:
-    """Ids of `lx16a` servos that answer a broadcast: complete only if there is one."""
+def _ids_by_broadcast(path: str, family: Family, question: int, baud: int) -> list[int]:
+    """Ids of servos that answer a broadcast of a question for them: complete only if there is one."""
     ids: set[int] = set()
     with opened_line(path, baud) as line:
-        packets = tool_line(line, "lx16a", 1)
-        request = lx.LX16A.instruction(BROADCAST, lx.READ_ID)
+        packets = tool_line(line, family, next(iter(family.formats)))
+        request = packets.packets.instruction(BROADCAST, question)
         for _ in range(BROADCASTS):
-            wire_s = line.wire_s(len(request) + lx.LX16A.status_size(1))
+            wire_s = line.wire_s(len(request) + packets.packets.status_size(1))
             ids |= {each.parameters[0] for each in packets.transact(request, range(BROADCAST + 1), wire_s)}
             line.time.sleep(TIMEOUT_S)
         if not ids and packets.garbled:
@@ -314,7 +289,7 @@ def check_no_unexpected_ids(line: SerialLine, servos: BusMap, found: BoolArray) 
         return
     used = set(servos.ids.tolist())
     near = range(min(used) - MARGIN, max(used) + MARGIN + 1)
-    listener = Listener(tool_line(line, servos.driver, servos.protocol))
+    listener = Listener(tool_line(line, servos.family, servos.protocol))
     asked = [each for each in IDS if each not in used and (each in near or each == FACTORY_ID)]
     unexpected = [each for each in asked if listener.answers(each, tries=2)]
     if damage := listener.damage():
@@ -353,7 +328,7 @@ def adopt(robot: Robot, servos: BusMap, port: str, baud: int) -> tuple[int, floa
         joint = servos.names(servos.ids == FACTORY_ID)
         raise RobotFaultError(f"id {FACTORY_ID} belongs to a joint of the robot file ({joint}): none is lost")
     with opened_line(port, baud) as line:
-        listener = Listener(tool_line(line, servos.driver, servos.protocol))
+        listener = Listener(tool_line(line, servos.family, servos.protocol))
         found = np.array([listener.answers(each, tries=TRIES) for each in servos.ids.tolist()])
         if damage := listener.damage():
             raise RobotFaultError(damage.description(port))
@@ -366,8 +341,7 @@ def adopt(robot: Robot, servos: BusMap, port: str, baud: int) -> tuple[int, floa
         if not servo.set_torque(on=False):
             raise RobotFaultError(f"the servo with id {FACTORY_ID} keeps its torque")
         adopted = _give_id(servo, int(servos.ids[joint_index]))
-        servo.reboot()
-        if servos.driver == "dynamixel" and servos.protocol == 2:
+        if servo.reboot():
             line.time.sleep(REBOOTS_S)
             adopted = servo.look()
         return joint_index, angle_deg, adopted
@@ -382,7 +356,7 @@ def _adoptable(servos: BusMap, found: BoolArray) -> int | None:
 
 def _lost_servo(line: SerialLine, servos: BusMap, joint: int) -> tuple[Servo, FoundServo]:
     """Servo with the factory's id, and its readings; raises RobotFaultError unless it may be a joint's."""
-    servo, name = _find_servo(line, servos.driver, FACTORY_ID), servos.names(np.arange(N_JOINTS) == joint)
+    servo, name = _find_servo(line, servos.family, FACTORY_ID), servos.names(np.arange(N_JOINTS) == joint)
     if servo is None:
         raise RobotFaultError(
             f"{name} does not answer, and no servo with id {FACTORY_ID} does; is its cable in?"

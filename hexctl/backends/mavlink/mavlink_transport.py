@@ -14,7 +14,7 @@ from hexctl.backends.bus.serial_line import open_device
 from hexctl.backends.mavlink.codec import Codec, Frame
 from hexctl.backends.serial_ports import SerialAddress
 from hexctl.errors import InputError, RobotFaultError, argument
-from hexctl.robot.servos.servo_models import BAUD
+from hexctl.robot.servos.drivers import BAUD
 from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.waiting import wait_ready
 
@@ -79,7 +79,7 @@ def parse_port(text: str) -> PortAddress:
         kind: Literal["udpin", "udpout"] = "udpin" if udp[1] == "udpin" else "udpout"
         return PortAddress(kind, udp[2].strip("[]"), int(udp[3]))
     if not re.match(r"(serial:)?/", text):
-        raise InputError(f"{argument('connect')}: got {text!r}; allowed: {ALLOWED}")
+        raise InputError(f"{argument('port')}: got {text!r}; allowed: {ALLOWED}")
     serial = SerialAddress.parse(text.removeprefix("serial:"), DEFAULT_BAUD, allowed=ALLOWED)
     return PortAddress("serial", serial.path, serial.baud)
 

@@ -15,9 +15,9 @@ import numpy as np
 
 from hexctl.backends.port_thread import reason_of
 from hexctl.backends.pwm.i2c_socket import I2cSocket
+from hexctl.backends.pwm.pwm_map import PCA9685_CHANNELS, PwmMap
 from hexctl.backends.pwm.servos import BoardReport, BoardThread, PwmServos
 from hexctl.errors import InputError, MissingExtraError, RobotFaultError, argument
-from hexctl.robot.servos.pwm_map import PCA9685_CHANNELS, PwmMap
 from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
 
@@ -369,7 +369,7 @@ def parse_i2c_port(text: str | None) -> str:
     if not text or not (text.isdecimal() or "/" in text):
         got = "none" if not text else repr(text)
         raise InputError(
-            f"{argument('connect')}: got {got}; allowed: the I2C bus of the boards, such as 1 or /dev/i2c-1, "
+            f"{argument('port')}: got {got}; allowed: the I2C bus of the boards, such as 1 or /dev/i2c-1, "
             "here or as `port` in the section `servos` of the robot file"
         )
     return text

@@ -14,10 +14,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from hexctl.backends.bus.serial_line import SerialLine
+from hexctl.backends.pwm.pwm_map import SERVO2040_US, PwmMap
 from hexctl.backends.pwm.servos import BoardReport, PwmServos
 from hexctl.backends.serial_ports import SerialAddress
 from hexctl.errors import InputError, RobotFaultError, argument
-from hexctl.robot.servos.pwm_map import SERVO2040_US, PwmMap
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray
 
 SET, GET = 0xD3, 0xC7
@@ -219,7 +219,7 @@ def parse_servo2040_port(text: str | None) -> str:
     )
     address = SerialAddress.parse(text, allowed=allowed)
     if address.baud:
-        raise InputError(f"{argument('connect')}: got {text!r}; allowed: {allowed}")
+        raise InputError(f"{argument('port')}: got {text!r}; allowed: {allowed}")
     return address.path
 
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from hexctl.backends.clock import Clock
 from hexctl.backends.port_thread import POLL_PERIOD_S, PortCounters, PortThread
+from hexctl.backends.pwm.pwm_map import PwmMap
 from hexctl.backends.ticked_servos import PortServos
 from hexctl.robot.model import Robot
-from hexctl.robot.servos.pwm_map import PwmMap
 from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.types import JOINTS_PER_LEG, BoolArray, FloatArray, RobotState
 

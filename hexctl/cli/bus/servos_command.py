@@ -20,13 +20,13 @@ from hexctl.cli.settings import Commands
 from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import checked, with_options
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.robot.servos.servo_models import DEFAULT_MODELS, SERVO_ID
+from hexctl.robot.servos.drivers import SERVO_ID
 
 if TYPE_CHECKING:
+    from hexctl.backends.bus.bus_map import BusMap
     from hexctl.backends.bus.damage import Damage
     from hexctl.backends.bus.servo import FoundServo
     from hexctl.control.calibration.servo_assignment import ServoAssignment
-    from hexctl.robot.servos.bus_map import BusMap
 
 servos = Commands()
 
@@ -72,7 +72,7 @@ def _note_models(bus: BusAddress, found: "Sequence[FoundServo]") -> None:
     from hexctl.backends.bus.tools import check_family
 
     unknown = [each for each in found if each.model is None]
-    if unknown and bus.driver == "lx16a":
+    if unknown and not bus.family.reports_model:
         print_note("these servos do not report their model")
         return
     if unknown and len(unknown) == len(found):
@@ -169,9 +169,9 @@ def identify(
 def _assignment(asked: ServoAssignmentOptions, bus: BusAddress) -> "ServoAssignment":
     from hexctl.control.calibration.servo_assignment import ServoAssignment
 
-    model = asked.unreported_model(bus.driver)
-    if model is None and bus.driver == "lx16a":
-        model = DEFAULT_MODELS[bus.driver]
+    model = asked.unreported_model(bus.family)
+    if model is None and not bus.family.reports_model:
+        model = bus.family.model(None).name
         print_note(f"these servos do not report their model: {model} is written; --model sets another")
     output = None if asked.output is None else Path(asked.output)
     return ServoAssignment(driver=bus.driver, port=bus.path, baud=bus.baud, output=output, model=model)

@@ -93,9 +93,4 @@ def _typed(arguments: Sequence[str]) -> dict[str, str] | None:
 
 
 def _setting(settings: "Settings", option: str, *, common: bool) -> "Setting | None":
-    from hexctl.settings import is_port
-
-    shared = settings.find((option,))
-    if option == "connect" and shared is not None and is_port(shared.value):
-        common = False  # the port of servos
     return settings.find(("estop", option), *([(option,)] if common else []))

@@ -28,9 +28,9 @@ class CalibrationOptions:
     (custom servos with a servo map). (default: the driver of the robot file, or mavlink)
     """
 
-    connect: str | None = None
-    """Where the servos are: a serial device such as /dev/ttyUSB0 or /dev/ttyACM0:115200, or
-    udpout:HOST:PORT. (default: the port of the robot file, or udpout:127.0.0.1:14550)
+    port: str | None = None
+    """Port of the servos: a serial device such as /dev/ttyUSB0 or /dev/ttyACM0:115200, or udpout:HOST:PORT.
+    (default: that of the robot file, or udpout:127.0.0.1:14550)
     """
 
     joints: str | None = None
@@ -68,7 +68,7 @@ def calibrate(
     file = load_robot_file(path)
     name = _backend(file, asked.backend)
     chosen = chosen_joints(asked.joints)
-    given = {field: getattr(asked, field) for field in ("connect", "credentials", "insecure")}
+    given = {field: getattr(asked, field) for field in ("port", "credentials", "insecure")}
     check_options(name, **given)
     servos = _calibrated(name, BackendOptions(robot=file.robot, robot_file=file, **given))
     result = CalibrationResult(file.path)

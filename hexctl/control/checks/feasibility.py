@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from hexctl.backends.registry import raw_map_of
 from hexctl.control.checks.gait_load import GaitLoad, Verdict, gait_load, load_verdict
 from hexctl.control.planning.stance_width import stance_width
 from hexctl.control.planning.static_stability import most_stable_slots
@@ -264,7 +265,7 @@ def check_robot(
         gait=checked,
         demand=gait_demand(file.robot, checked, motions),
         load=gait_load(file.robot, checked, motions),
-        servo_map=file.raw_map,
+        servo_map=raw_map_of(file),
         driver=file.content.servos.driver,
         to_measure=file.to_measure,
         mesh_parts=tuple(file.meshes),

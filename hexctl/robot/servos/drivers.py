@@ -1,14 +1,35 @@
-"""Names of servo drivers in robot files, commands and backends."""
+"""Drivers of servos: their names, and the ids and speeds that servos on a bus can have."""
 
-from typing import Literal, get_args
+from hexctl.options import Range
+from hexctl.robot.plugins import plugin_names
 
-#: Servos on a bus, whose positions are counts.
-BusDriver = Literal["dynamixel", "feetech", "lx16a"]
+#: Families of bus servos that hexctl has, `module:name`; plug-ins add to them (`hexctl.families`).
+FAMILIES = {
+    "dynamixel": "hexctl.backends.bus.families.dynamixel:DYNAMIXEL",
+    "feetech": "hexctl.backends.bus.families.feetech:FEETECH",
+    "lx16a": "hexctl.backends.bus.families.lx16a:LX16A",
+}
 
 #: Boards that make the pulses of hobby servos.
-PwmDriver = Literal["servo2040", "pca9685"]
+PWM_DRIVERS = ("servo2040", "pca9685")
 
-Driver = Literal[BusDriver, PwmDriver]
+#: Bits per second of a line to servos.
+BAUD = Range(low=1200, high=4_500_000, whole=True, unit="baud")
 
-BUS_DRIVERS: tuple[BusDriver, ...] = get_args(BusDriver)
-PWM_DRIVERS: tuple[PwmDriver, ...] = get_args(PwmDriver)
+#: Ids that a servo can have.
+SERVO_ID = Range(low=0, high=252, whole=True)
+
+
+def bus_drivers() -> tuple[str, ...]:
+    """Names of all families of bus servos, also those of plug-ins."""
+    return tuple(dict.fromkeys((*FAMILIES, *plugin_names("families"))))
+
+
+def is_driver(name: str) -> bool:
+    """Whether there is a driver of a name; plug-ins are looked for only if hexctl has none."""
+    return name in FAMILIES or name in PWM_DRIVERS or name in bus_drivers()
+
+
+def all_drivers() -> tuple[str, ...]:
+    """Names of all drivers of a robot file."""
+    return (*bus_drivers(), *PWM_DRIVERS)

@@ -185,10 +185,8 @@ def calibration_of(
     return read
 
 
-def check_driver(section: ServosSection, driver: str, drivers: Sequence[str]) -> None:
-    """Raise InputError for a driver of another kind, and for a section of another driver."""
-    if driver not in drivers:
-        raise InputError(f"servos.driver: got {driver!r}; allowed: {', '.join(drivers)}")
+def check_driver(section: ServosSection, driver: str) -> None:
+    """Raise InputError for a section of another driver."""
     if section.driver not in (None, driver):
         raise InputError(f"servos.driver: got {section.driver}; allowed: {driver}, with the backend {driver}")
 

@@ -5,9 +5,14 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from hexctl.robot.configs import AngleDeg, Number, Positive, Section, Whole
-from hexctl.robot.servos.drivers import Driver
-from hexctl.robot.servos.servo_models import BAUD, SERVO_ID
+from hexctl.robot.servos.drivers import BAUD, SERVO_ID, all_drivers, is_driver
 from hexctl.types import N_JOINTS, N_LEGS
+
+
+def _driver(name: str) -> str:
+    if not is_driver(name):
+        raise ValueError(f"got {name!r}; allowed: {', '.join(all_drivers())}")
+    return name
 
 
 def _direction(value: float) -> int:
@@ -106,7 +111,7 @@ class ServosSection(Section):
         leg1_coxa: single joints, which precede those of their kind.
     """
 
-    driver: Driver | None = None
+    driver: Annotated[str, AfterValidator(_driver)] | None = None
     port: Port | None = None
     baud: Baud | None = None
     model: str | None = None

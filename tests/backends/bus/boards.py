@@ -10,14 +10,15 @@ from unittest.mock import patch
 import numpy as np
 
 from hexctl.backends.base import LegServos
+from hexctl.backends.bus.bus_map import BusMap, bus_map_of
+from hexctl.backends.bus.family import find_family
 from hexctl.backends.bus.packets import PacketFormat
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servos import BusServos
 from hexctl.backends.clock import PERIOD_S, WallClock
 from hexctl.backends.mock import MockServos
 from hexctl.errors import RobotFaultError
-from hexctl.robot.servos.bus_map import BusMap, bus_map_of
-from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
+from hexctl.robot.servos.drivers import FAMILIES as DRIVERS
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.board_faults import BoardFault, parse_fault
 from hexctl.simulators.bus_board import BusBoard
@@ -29,6 +30,9 @@ from tests.backends.fake_time import FakeTime, Standing
 from tests.robots import shipped
 
 Board = TypeVar("Board", bound=SimulatedBoard)
+
+#: All models that hexctl has, by name.
+MODELS_BY_NAME = {model.name: model for driver in DRIVERS for model in find_family(driver).models}
 
 #: Models of every kind of registers.
 MODELS = (
@@ -62,7 +66,7 @@ def faults_of(kind: type[SimulatedBoard], texts: tuple[str, ...]) -> tuple[Board
 
 
 def _board(bus_map: BusMap, faults: tuple[str, ...], servos: LegServos, baud: int | None = None) -> BusBoard:
-    baud = baud or DEFAULT_BAUDS[bus_map.driver]
+    baud = baud or bus_map.family.bauds[0]
     return BusBoard(servos, bus_map, baud=baud, faults=faults_of(BusBoard, faults))
 
 
@@ -266,7 +270,7 @@ class BoardLine(_MemoryDeviceLine):
 
     def __init__(self, bus_map: BusMap, *faults: str, kind: type[MockServos] = MockServos) -> None:
         bus = MemoryBus(bus_map, *faults, kind=kind, waits=True)
-        super().__init__(bus, DEFAULT_BAUDS[bus_map.driver])
+        super().__init__(bus, bus_map.family.bauds[0])
         self.board, self.robot = bus.board, bus.robot
         bus.opened_baud = self.baud
 

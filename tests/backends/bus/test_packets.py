@@ -8,7 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.backends.bus import lx16a as lx
+from hexctl.backends.bus.families import lx16a as lx
+from hexctl.backends.bus.families.dynamixel import AX, XL330, X
+from hexctl.backends.bus.families.feetech import STS
+from hexctl.backends.bus.families.register_bus import RegisterBus
+from hexctl.backends.bus.families.registers import Register, Sign
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import (
     PROTOCOLS,
@@ -20,13 +24,10 @@ from hexctl.backends.bus.packets import (
     PacketStream,
     StatusPacket,
 )
-from hexctl.backends.bus.register_bus import RegisterBus
-from hexctl.backends.bus.registers import AX, STS, XL330, Register, Sign, X, table_of
 from hexctl.backends.bus.servo_bus import BusCounters
-from hexctl.robot.servos.servo_models import SERVO_TYPES
-from tests.backends.bus.boards import AnsweringLine, LateServoLine
+from tests.backends.bus.boards import MODELS_BY_NAME, AnsweringLine, LateServoLine
 
-FORMATS = {"1": PROTOCOLS[1], "2": PROTOCOLS[2], "lx16a": lx.LX16A}
+FORMATS = {"1": PROTOCOLS[1], "2": PROTOCOLS[2], "lx16a": lx.PACKETS}
 every_format = pytest.mark.parametrize("kind", FORMATS)
 
 #: Packets as the ROBOTIS e-Manual, the vendors' SDKs and LewanSoul's document print them.
@@ -163,7 +164,7 @@ def test_damaged_answers_are_no_answers(protocol: int) -> None:
 def test_hostile_bytes_of_lx16a_are_dropped_and_counted() -> None:
     """Headers with any length behind them, and noise: nothing is kept, and few sums fit by chance."""
     rng, found, sent = random.Random(3), 0, 0
-    stream = PacketStream(lx.LX16A)
+    stream = PacketStream(lx.PACKETS)
     for _ in range(10_000):
         data = rng.choice((b"\x55", b"\x55\x55", b"\x55\x55\x01", b"")) + rng.randbytes(rng.randrange(12))
         found += len(stream.feed(data))
@@ -266,7 +267,7 @@ def test_answers_of_other_sizes_are_not_waited_for_and_not_taken(servo: LateServ
 @pytest.mark.parametrize("baud", [9_600, 57_600, 1_000_000])
 def test_one_packet_reads_all_servos_however_slow_the_line(baud: int) -> None:
     """Their answers come one after the other, as fast as the line carries them."""
-    ids, table = range(1, 19), table_of("sts3215")
+    ids, table = range(1, 19), MODELS_BY_NAME["sts3215"].table
 
     def answers(_request: bytes) -> list[tuple[float, bytes]]:
         packets = [PROTOCOLS[1].status(servo_id, 0, bytes(table.block[1])) for servo_id in ids]
@@ -274,7 +275,7 @@ def test_one_packet_reads_all_servos_however_slow_the_line(baud: int) -> None:
         return [(10 * size / baud, packet) for size, packet in zip(sizes.tolist(), packets, strict=True)]
 
     line = PacketLine(AnsweringLine(answers, baud), PROTOCOLS[1], timeout_s=0.004, adapts=False)
-    bus = RegisterBus(line, dict.fromkeys(ids, SERVO_TYPES["sts3215"]), BusCounters())
+    bus = RegisterBus(line, dict.fromkeys(ids, MODELS_BY_NAME["sts3215"]), BusCounters())
     assert [report.index for report in bus.poll()] == list(range(18))
 
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.backends.bus.line_condition import AnswerShares, LineCondition
+from hexctl.backends.bus.families.registers import Register
+from hexctl.backends.bus.line_condition import LineCondition
 from hexctl.backends.bus.readings import BelievedReadings
-from hexctl.backends.bus.registers import Register
-from hexctl.backends.bus.servo_bus import Report, ServoBus
+from hexctl.backends.bus.servo_bus import AnswerShares, Report, ServoBus
 from hexctl.backends.bus.servos import BusServos
 from hexctl.backends.clock import WallClock
 from hexctl.errors import RobotFaultError

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from hexctl.backends.bus import lx16a
-from hexctl.backends.bus.registers import FactoryValue, Register, RegisterTable, RequiredValue, table_of
-from hexctl.robot.servos.servo_models import SERVO_TYPES
+from hexctl.backends.bus.families import lx16a
+from hexctl.backends.bus.families.registers import FactoryValue, Register, RegisterTable, RequiredValue
+from tests.backends.bus.boards import MODELS_BY_NAME
 
 #: Address and size by the vendor's name of a row.
 Rows = dict[str, tuple[int, int]]
@@ -151,7 +151,7 @@ def named(table: RegisterTable) -> dict[str, list[Register]]:
 @pytest.mark.parametrize("model", VENDORS)
 def test_every_register_is_where_the_vendors_table_has_it(model: str) -> None:
     rows, names = VENDORS[model]
-    table = table_of(model)
+    table = MODELS_BY_NAME[model].table
     for field, some in named(table).items():
         assert field in names, f"{field} needs its name in the vendor's table here"
         expected = [rows[name.strip()] for name in names[field].split(",")]
@@ -162,7 +162,7 @@ def test_every_register_is_where_the_vendors_table_has_it(model: str) -> None:
     assert [each.value for each in table.tuning] == factory
     if table.p_gain is not None and factory:
         most = 254 if table.p_gain.size == 1 else 16_383
-        assert SERVO_TYPES[model].p_gains == (math.ceil(factory[0] / 10), min(10 * factory[0], most))
+        assert MODELS_BY_NAME[model].p_gains == (math.ceil(factory[0] / 10), min(10 * factory[0], most))
     first_volatile = min(address for address, _ in (rows["Torque Enable"], rows["Goal Position"]))
     assert table.ram == first_volatile
 
@@ -198,14 +198,14 @@ def test_the_commands_of_lx16a_are_those_of_its_document() -> None:
 
 def test_supplies_numbers_and_turns_are_those_of_the_data_sheets() -> None:
     """Lowest supply in V, model number and counts: e-Manual, "Specifications", and product pages."""
-    assert {name: f"{each.least_v:g}" for name, each in SERVO_TYPES.items()} == LEAST_V
+    assert {name: f"{each.least_v:g}" for name, each in MODELS_BY_NAME.items()} == LEAST_V
     numbers = {"ax12a": 12, "ax18a": 18, "sts3215": 777, "scs0009": 1284}
     for line in (
         (files("dynamixel_easy_sdk") / "control_table" / "dynamixel.model").read_text().split("\n")[1:]
     ):
         number, _, name = line.strip().partition("\t")
         numbers |= {name.removesuffix(".model").replace("_", "-"): int(number)} if name else {}
-    reported = {name: each.number for name, each in SERVO_TYPES.items() if each.number is not None}
+    reported = {name: each.number for name, each in MODELS_BY_NAME.items() if each.number is not None}
     assert reported == {name: numbers[name] for name in reported}
     per_degree = {
         "ax": 1023 / 300,
@@ -214,6 +214,6 @@ def test_supplies_numbers_and_turns_are_those_of_the_data_sheets() -> None:
         "lx": 1000 / 240,
         "hts": 1000 / 240,
     }
-    for name, each in SERVO_TYPES.items():
+    for name, each in MODELS_BY_NAME.items():
         counts = next((value for begin, value in per_degree.items() if name.startswith(begin)), 4096 / 360)
         assert each.counts_per_deg == pytest.approx(counts), name

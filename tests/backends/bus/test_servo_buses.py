@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from hexctl.backends.bus import lx16a as lx
-from hexctl.backends.bus.lx16a import LOSSY_S, LOST_MOVES, MOST_MOVES, Lx16aBus
+from hexctl.backends.bus.families import lx16a as lx
+from hexctl.backends.bus.families.lx16a import LOSSY_S, LOST_MOVES, MOST_MOVES, Lx16aBus
+from hexctl.backends.bus.families.register_servo import RegisterServo
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import PROTOCOLS
-from hexctl.backends.bus.register_servo import RegisterServo
-from hexctl.backends.bus.registers import table_of
 from hexctl.backends.bus.servo_bus import BusCounters, ServoBus
 from hexctl.backends.bus.tools import bus_of
 from hexctl.simulators.bus_board import BusBoard
@@ -17,6 +16,7 @@ from hexctl.simulators.register_servos import BusServo
 from hexctl.types import FloatArray
 from tests.backends.bus.boards import (
     MODELS,
+    MODELS_BY_NAME,
     BoardLine,
     LateServoLine,
     MemoryLine,
@@ -75,7 +75,7 @@ def test_a_joint_far_beyond_the_limits_stored_in_its_servo_gets_no_goal_and_no_t
     bus_map = a_map(driver, model)
     here = stance_counts(bus_map)
     far, near = np.ceil(20 * bus_map.per_deg[4]), np.floor(1.5 * bus_map.per_deg[5])
-    line, table = BoardLine(bus_map), table_of(model)
+    line, table = BoardLine(bus_map), MODELS_BY_NAME[model].table
     bus = bus_of(bus_map, line, BusCounters())
     fourth, fifth = register_servo_of(line.board, 4), register_servo_of(line.board, 5)
     fourth.set(table.most, here[4] - far)
@@ -99,7 +99,7 @@ def test_a_joint_far_beyond_the_limits_stored_in_its_servo_gets_no_goal_and_no_t
 def _register_servo(driver: str, model: str, *faults: str) -> tuple[RegisterServo, BusServo]:
     """Servo with id 5, from the controller's side and as it is."""
     bus_map, line = a_map(driver, model), BoardLine(a_map(driver, model), *faults)
-    packets = PacketLine(line, PROTOCOLS[table_of(model).protocol])
+    packets = PacketLine(line, PROTOCOLS[MODELS_BY_NAME[model].table.protocol])
     return RegisterServo(packets, 5, bus_map.models[4]), register_servo_of(line.board, 4)
 
 
@@ -281,7 +281,7 @@ def test_a_servo_that_unloads_is_limp_and_gets_no_goals() -> None:
 def test_servos_that_begin_to_answer_late_are_heard_again() -> None:
     """The bus had learned to wait for a few ms only, and dropped what came later for good."""
     servo = LateServoLine(
-        lx.LX16A, lambda command, _: (command, bytes(lx.ANSWER_BYTES[command])), baud=115_200
+        lx.PACKETS, lambda command, _: (command, bytes(lx.ANSWER_BYTES[command])), baud=115_200
     )
     bus = _lx16a_on(servo)
     for _ in range(80):

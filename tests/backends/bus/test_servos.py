@@ -9,15 +9,23 @@ import numpy as np
 import pytest
 
 from hexctl.backends.base import LegServos
-from hexctl.backends.bus.registers import Register, table_of
+from hexctl.backends.bus.bus_map import BusMap
+from hexctl.backends.bus.families.registers import Register
 from hexctl.backends.bus.servo_bus import Report
 from hexctl.backends.bus.servos import BusServos
 from hexctl.control.guard import Guard
 from hexctl.errors import RobotFaultError
-from hexctl.robot.servos.bus_map import BusMap
 from hexctl.simulators.register_servos import BusServo
 from hexctl.types import BoolArray, FloatArray, RobotState
-from tests.backends.bus.boards import MemoryBus, a_map, bus_board, memory_bus, register_servo_of, servos_on
+from tests.backends.bus.boards import (
+    MODELS_BY_NAME,
+    MemoryBus,
+    a_map,
+    bus_board,
+    memory_bus,
+    register_servo_of,
+    servos_on,
+)
 from tests.backends.powering import PoweringConformance
 from tests.backends.standing import command, stand, until
 from tests.robots import shipped
@@ -305,7 +313,7 @@ def _stored(bus: MemoryBus, register: Register, value: float) -> BusServo:
 def test_a_servo_in_another_mode_is_set_to_position_mode_while_it_is_limp(
     driver: str, model: str, mode: int, kept: int
 ) -> None:
-    bus_map, table = replace(a_map(driver, model), p_gain=48), table_of(model)
+    bus_map, table = replace(a_map(driver, model), p_gain=48), MODELS_BY_NAME[model].table
     assert table.mode is not None
     assert table.p_gain is not None
     with memory_bus(bus_map) as bus:
@@ -323,7 +331,7 @@ def test_a_servo_in_another_mode_is_set_to_position_mode_while_it_is_limp(
 
 
 def test_positions_beyond_one_turn_are_switched_off_and_the_lock_is_shut() -> None:
-    table, flags = table_of("sts3215"), Register(18)
+    table, flags = MODELS_BY_NAME["sts3215"].table, Register(18)
     assert table.unlock is not None
     with memory_bus(a_map()) as bus:
         servo = _stored(bus, flags, 0b11100)
@@ -337,7 +345,7 @@ def test_positions_beyond_one_turn_are_switched_off_and_the_lock_is_shut() -> No
 @pytest.mark.parametrize(("driver", "model"), [("dynamixel", "xl430-w250"), ("dynamixel", "ax12a")])
 def test_limits_in_a_servo_are_told_and_goals_end_there(driver: str, model: str) -> None:
     """These servos refuse goals beyond their limits, and would stay where they are."""
-    bus_map, table = a_map(driver, model), table_of(model)
+    bus_map, table = a_map(driver, model), MODELS_BY_NAME[model].table
     with memory_bus(bus_map) as bus:
         servo = register_servo_of(bus.board, ODD)
         limit = servo.number(table.position) + np.sign(bus_map.signs[ODD]) * 15
@@ -361,7 +369,7 @@ def test_an_overload_of_an_x_servo_is_told_with_its_reason_and_needs_a_restart()
 
 def test_an_overload_of_an_ax_servo_is_told_and_ends_with_the_next_walk() -> None:
     """It sets its torque limit to 0, and leaves its torque on."""
-    bus_map, table = a_map("dynamixel", "ax12a"), table_of("ax12a")
+    bus_map, table = a_map("dynamixel", "ax12a"), MODELS_BY_NAME["ax12a"].table
     assert table.torque_limit is not None
     with memory_bus(bus_map, "overload:3:femur@1") as bus, servos_on(bus, bus_map) as servos:
         limp, servo = "no torque: leg 3 femur (id 8)", register_servo_of(bus.board, ODD)

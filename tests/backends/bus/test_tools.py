@@ -12,21 +12,20 @@ import numpy as np
 import pytest
 
 from hexctl.backends.bus import tools
+from hexctl.backends.bus.bus_map import BusMap
 from hexctl.backends.bus.bus_options import BusAddress, BusOptions, ScanOptions, ServoAssignmentOptions
 from hexctl.backends.bus.damage import Damage
+from hexctl.backends.bus.family import find_family
 from hexctl.backends.bus.servo_bus import BusCounters
 from hexctl.backends.bus.tools import (
     adopt,
     bus_of,
     check_no_unexpected_ids,
-    packets_of,
     scan_bus,
     set_servo_id,
     the_servo,
 )
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.robot.servos.bus_map import BusMap
-from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
 from hexctl.simulators.register_servos import BusServo
 from tests.backends.bus.boards import (
     FAMILIES,
@@ -47,7 +46,7 @@ every_family = pytest.mark.parametrize(("driver", "model"), [*MODELS, ("lx16a", 
 
 @every_family
 def test_every_servo_is_found_with_what_it_is(driver: str, model: str) -> None:
-    bus_map, baud = a_map(driver, model), DEFAULT_BAUDS[driver]
+    bus_map, baud = a_map(driver, model), find_family(driver).bauds[0]
     old = driver == "lx16a"  # reports no model
     with memory_bus(bus_map, "mute:1:femur", "hot:1:tibia:72") as bus:
         found = scan_bus(bus.path, driver, baud, ids=range(6))
@@ -62,7 +61,7 @@ def test_every_servo_is_found_with_what_it_is(driver: str, model: str) -> None:
 @pytest.mark.parametrize(("driver", "model"), FAMILIES)
 def test_the_only_servo_on_a_bus_takes_an_id_and_keeps_it_without_power(driver: str, model: str) -> None:
     with memory_bus(a_map(driver, model), "only:2:coxa") as bus:
-        found = set_servo_id(bus.path, driver, DEFAULT_BAUDS[driver], 40)
+        found = set_servo_id(bus.path, driver, find_family(driver).bauds[0], 40)
         assert found.servo_id == 40
         servo = bus.board._servos[3]
         if isinstance(servo, BusServo):
@@ -76,7 +75,7 @@ def test_the_only_servo_on_a_bus_takes_an_id_and_keeps_it_without_power(driver: 
 def test_with_more_servos_no_id_is_changed(driver: str, model: str) -> None:
     with memory_bus(a_map(driver, model)) as bus:
         with pytest.raises(InputError, match="servos that answer: got "):
-            set_servo_id(bus.path, driver, DEFAULT_BAUDS[driver], 40)
+            set_servo_id(bus.path, driver, find_family(driver).bauds[0], 40)
         assert [servo.servo_id for servo in bus.board._servos] == list(range(1, 19))
 
 
@@ -123,7 +122,7 @@ def test_a_lost_servo_is_named_at_connect_and_adopted(driver: str, model: str) -
         assert "hexctl servos adopt" in note
         servo = bus.board._servos[8]
         assert servo.servo_id == 1, "nothing is written at connect"
-        joint, angle_deg, adopted = adopt(robot, bus_map, bus.path, DEFAULT_BAUDS[driver])
+        joint, angle_deg, adopted = adopt(robot, bus_map, bus.path, find_family(driver).bauds[0])
         assert (joint, adopted.servo_id) == (8, 29)
         assert angle_deg is not None
         assert np.radians(angle_deg) == pytest.approx(robot.stance_angles_rad[8], abs=0.01)
@@ -211,13 +210,13 @@ def robot(tmp_path: Path) -> str:
 
 def test_a_bus_is_where_the_options_say_else_the_robot_file(robot: str) -> None:
     assert BusOptions(robot=robot).address() == BusAddress("lx16a", "/dev/ttyUSB7", 57_600)
-    assert BusOptions(robot=robot, connect="x", baud=9600).address() == BusAddress("lx16a", "x", 9600)
-    assert BusOptions(driver="feetech", connect="x").address() == BusAddress("feetech", "x", 1_000_000)
-    assert BusOptions(driver="feetech", connect="x:57600").address().baud == 57_600
+    assert BusOptions(robot=robot, port="x", baud=9600).address() == BusAddress("lx16a", "x", 9600)
+    assert BusOptions(driver="feetech", port="x").address() == BusAddress("feetech", "x", 1_000_000)
+    assert BusOptions(driver="feetech", port="x:57600").address().baud == 57_600
     servo_map = BusOptions(robot=robot).servo_map()
     assert servo_map is not None
     assert servo_map.ids.tolist() == list(range(1, 19))
-    assert BusOptions(driver="feetech", connect="x").servo_map() is None
+    assert BusOptions(driver="feetech", port="x").servo_map() is None
 
 
 def test_a_scan_asks_at_one_baud_rate_or_at_all_that_are_usual(robot: str) -> None:
@@ -227,21 +226,24 @@ def test_a_scan_asks_at_one_baud_rate_or_at_all_that_are_usual(robot: str) -> No
 
 
 def test_only_servos_that_report_no_model_are_given_one(robot: str) -> None:
-    assert ServoAssignmentOptions(robot=robot).unreported_model("lx16a") == "lx224"
-    assert ServoAssignmentOptions(robot=robot, model="hts35h").unreported_model("lx16a") == "hts35h"
-    assert ServoAssignmentOptions().unreported_model("lx16a") is None
-    assert ServoAssignmentOptions(robot=robot).unreported_model("feetech") is None
+    lx16a, feetech = find_family("lx16a"), find_family("feetech")
+    assert ServoAssignmentOptions(robot=robot).unreported_model(lx16a) == "lx224"
+    assert ServoAssignmentOptions(robot=robot, model="hts35h").unreported_model(lx16a) == "hts35h"
+    assert ServoAssignmentOptions().unreported_model(lx16a) is None
+    assert ServoAssignmentOptions(robot=robot).unreported_model(feetech) is None
     with pytest.raises(InputError, match="model: got hts35h"):
-        ServoAssignmentOptions(model="hts35h").unreported_model("feetech")
+        ServoAssignmentOptions(model="hts35h").unreported_model(feetech)
+    with pytest.raises(InputError, match="model: got sts3215"):
+        ServoAssignmentOptions(model="sts3215").unreported_model(lx16a)
 
 
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        ({"connect": "x"}, "driver"),
-        ({"driver": "feetech"}, "connect"),
+        ({"port": "x"}, "driver"),
+        ({"driver": "feetech"}, "port"),
         ({"driver": "hitec"}, "driver"),
-        ({"driver": "feetech", "connect": "x", "baud": 9}, "baud"),
+        ({"driver": "feetech", "port": "x", "baud": 9}, "baud"),
         ({"robot": "freenove-big"}, "robot"),
         ({"robot": None, "driver": "feetech"}, "driver"),
     ],
@@ -339,7 +341,7 @@ def test_answers_that_mean_nothing_are_named(plug: Plug, driver: str) -> None:
 @pytest.mark.parametrize(("driver", "protocol"), [("dynamixel", 2), ("feetech", 1), ("lx16a", 1)])
 def test_two_answers_to_one_question_are_two_servos(plug: Plug, driver: str, protocol: int) -> None:
     """One answers after the other: their return delays differ."""
-    packets = packets_of(driver, protocol)
+    packets = find_family(driver).formats[protocol]
 
     def twice(asked: bytes) -> list[tuple[float, bytes]]:
         packet, _ = packets.take(asked)

@@ -71,7 +71,7 @@ class BoardProcess:
 def board(*arguments: str, pty: bool = False) -> Iterator[BoardProcess]:
     """Run a board for a while."""
     number = free_port(socket.SOCK_DGRAM)
-    where = ["--pty"] if pty else ["--connect", f"udpin:127.0.0.1:{number}"]
+    where = ["--pty"] if pty else ["--port", f"udpin:127.0.0.1:{number}"]
     words = ("hexctl", "sim", "board", *([] if "--bus" in arguments else where), "--json", *arguments)
     with TemporaryDirectory() as folder, program(Path(folder), "board", *words) as running:
         running.wait_for("Ctrl-C ends it")

@@ -457,11 +457,11 @@ def made(**options: object) -> MavlinkServos:
 
 def test_port_and_servo_map_are_those_of_the_options(tmp_path: Path) -> None:
     assert made()._port == "udpout:127.0.0.1:14550"
-    assert made(connect="/dev/ttyACM0:57600")._address.number == 57600
+    assert made(port="/dev/ttyACM0:57600")._address.number == 57600
     path = fitting_file(tmp_path, {"leg1_coxa": {"sign": -1}})
     assert made(robot_file=load_robot_file(path)).servo_map.signs[0] == -1
-    with pytest.raises(InputError, match="connect: got 'COM3'"):
-        made(connect="COM3")
+    with pytest.raises(InputError, match="port: got 'COM3'"):
+        made(port="COM3")
 
 
 def test_the_command_makes_a_key_that_is_read_and_never_overwritten(tmp_path: Path) -> None:
@@ -483,8 +483,8 @@ def test_the_command_makes_a_key_that_is_read_and_never_overwritten(tmp_path: Pa
 def test_an_unsigned_port_that_others_reach_must_be_asked_for(tmp_path: Path) -> None:
     far = "udpout:192.168.1.9:14550"
     with pytest.raises(InputError, match="insecure"):
-        made(connect=far)
-    assert made(connect=far, insecure=True)._port == far
+        made(port=far)
+    assert made(port=far, insecure=True)._port == far
     (tmp_path / "mavlink.key").touch(mode=0o600)
     (tmp_path / "mavlink.key").write_text("00" * 32)
-    assert made(connect=far, credentials=tmp_path)._port == far
+    assert made(port=far, credentials=tmp_path)._port == far

@@ -9,8 +9,8 @@ from hexctl.backends.base import LegServos
 from hexctl.backends.clock import WallClock
 from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.pca9685 import Pca9685Servos
+from hexctl.backends.pwm.pwm_map import PwmMap, pwm_map_of
 from hexctl.backends.pwm.servo2040 import Servo2040Servos
-from hexctl.robot.servos.pwm_map import PwmMap, pwm_map_of
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.pca9685_board import BITS_PER_S, Pca9685Board
 from hexctl.simulators.servo2040_board import Servo2040Board

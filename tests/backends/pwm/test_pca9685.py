@@ -19,9 +19,9 @@ from smbus2 import i2c_msg
 from hexctl.backends.base import LegServos
 from hexctl.backends.pwm.i2c_socket import I2cMessage, I2cSocket, decode_transaction, encode_transaction
 from hexctl.backends.pwm.pca9685 import I2cBus, Pca9685, Pca9685Servos, open_i2c, prescale_of
+from hexctl.backends.pwm.pwm_map import PwmMap
 from hexctl.backends.sim.servos import SimServos
 from hexctl.errors import MissingExtraError, RobotFaultError
-from hexctl.robot.servos.pwm_map import PwmMap
 from hexctl.simulators.pca9685_board import SimulatedI2c, SimulatedPca9685
 from hexctl.types import N_JOINTS, FloatArray, JointTargets, RobotState
 from hexctl.waiting import wait_for

@@ -151,7 +151,7 @@ def test_a_lease_that_is_lost_and_a_stop_by_another_client_end_the_controller(tm
 def test_what_servos_on_a_bus_report_comes_over_the_link(tmp_path: Path) -> None:
     with (
         bus_board(a_map(), "hot:2:femur:61", "mute:5:coxa@6") as bus,
-        served(tmp_path, "--robot", "phantomx", "--connect", bus.path, backend="feetech") as server,
+        served(tmp_path, "--robot", "phantomx", "--port", bus.path, backend="feetech") as server,
         ZenohServos("phantomx", link=Link(endpoint=server.endpoint)) as servos,
     ):
         mute = "mute: leg 5 coxa (id 13)"

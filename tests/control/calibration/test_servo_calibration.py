@@ -9,16 +9,16 @@ import pytest
 
 from hexctl import InputError, JointTargets, LegServos, Robot, RobotFaultError, RobotState
 from hexctl.backends.base import CalibratedServos
+from hexctl.backends.bus.bus_map import BusMap, bus_map_of
 from hexctl.backends.mavlink.mavlink_client import MavlinkServos
 from hexctl.backends.mock import MockServos
+from hexctl.backends.pwm.pwm_map import pwm_map_of
 from hexctl.backends.registry import BackendOptions
 from hexctl.cli.main import exit_code
 from hexctl.control.calibration.operator import CalibrationResult
 from hexctl.control.calibration.servo_calibration import calibrate, chosen_joints
 from hexctl.robot.configs import read_mapping
 from hexctl.robot.loader import load_robot_file
-from hexctl.robot.servos.bus_map import BusMap, bus_map_of
-from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.robot.servos.servo_map import ServoMap
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.types import JOINT_NAMES, FloatArray

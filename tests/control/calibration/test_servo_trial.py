@@ -9,13 +9,13 @@ import pytest
 import yaml
 
 from hexctl import InputError, JointTargets, RobotFaultError
+from hexctl.backends.bus.bus_map import BusMap, bus_map_of
 from hexctl.backends.bus.tools import the_servo
 from hexctl.backends.clock import WallClock
 from hexctl.backends.mock import MockServos
 from hexctl.control.calibration.operator import EndedError
 from hexctl.control.calibration.servo_assignment import ServoAssignment, assign_servos
 from hexctl.control.calibration.servo_trial import TEST_DEG, ServoTrial, held, try_servo, wiggle
-from hexctl.robot.servos.bus_map import BusMap, bus_map_of
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.register_servos import BusServo
 from hexctl.types import JOINT_NAMES

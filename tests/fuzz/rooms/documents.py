@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from hexctl.backends.registry import raw_map_of
 from hexctl.backends.sim.world import World, load_randomization, load_world
 from hexctl.control.scoring.uncertainty_store import UNCERTAINTIES, known_uncertainty
 from hexctl.errors import HexctlError, InputError
@@ -145,13 +146,13 @@ def read_calibrated_file(path: Path) -> None:
     found = load_robot_file(path)
     before = read_mapping(path)
     for joint in (0, 10):
-        write_joint(path, found.raw_map, joint)
+        write_joint(path, raw_map_of(found), joint)
     after = read_mapping(path)
     for key in set(before) - {SECTION}:
         assert after[key] == before[key]
-    again = load_robot_file(path).raw_map
+    again = raw_map_of(load_robot_file(path))
     assert np.array_equal(
-        again.raw(found.robot.stance_angles_rad), found.raw_map.raw(found.robot.stance_angles_rad)
+        again.raw(found.robot.stance_angles_rad), raw_map_of(found).raw(found.robot.stance_angles_rad)
     )
 
 

@@ -9,7 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.backends.bus.lx16a import ANSWER_BYTES, LX16A, move_packet
+from hexctl.backends.bus.bus_map import BusMap
+from hexctl.backends.bus.families.lx16a import ANSWER_BYTES, PACKETS, move_packet
+from hexctl.backends.bus.families.register_servo import RegisterServo
+from hexctl.backends.bus.family import find_family
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import (
     BROADCAST,
@@ -23,25 +26,21 @@ from hexctl.backends.bus.packets import (
     PacketFormat,
     PacketStream,
 )
-from hexctl.backends.bus.register_servo import RegisterServo
-from hexctl.backends.bus.registers import table_of
 from hexctl.backends.bus.servo_bus import BusCounters
-from hexctl.backends.bus.tools import bus_of, packets_of, servo_with
+from hexctl.backends.bus.tools import bus_of
 from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.i2c_socket import I2cMessage, decode_transaction, encode_transaction
+from hexctl.backends.pwm.pwm_map import pwm_map_of
 from hexctl.backends.pwm.servo2040 import Servo2040, decoded, encoded, find_reply, get_frame, set_frame
 from hexctl.errors import RobotFaultError
-from hexctl.robot.servos.bus_map import BusMap
-from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.board_faults import BusFaults
-from hexctl.simulators.bus_board import FAMILIES
-from hexctl.simulators.bus_servos import BUS_COUNTS
+from hexctl.simulators.bus_servos import BUS_COUNTS, simulated_servos
 from hexctl.simulators.pca9685_board import SimulatedI2c, SimulatedPca9685
 from hexctl.simulators.servo2040_board import Servo2040Board
 from hexctl.time_source import WALL_TIME
 from hexctl.types import N_JOINTS
-from tests.backends.bus.boards import MODELS, a_map, stance_counts
+from tests.backends.bus.boards import MODELS, MODELS_BY_NAME, a_map, stance_counts
 from tests.fuzz.target import Target, target
 from tests.robots import shipped
 
@@ -82,7 +81,7 @@ class FuzzedLine:
         self, packets: PacketFormat, servo_id: int, asked: int, about: bytes, came: bytes, *, error: int
     ) -> bytes:
         """Answer of the length that was asked for, if known."""
-        if packets is LX16A:
+        if packets is PACKETS:
             size, error = ANSWER_BYTES.get(asked, len(came)), asked
         else:
             known = packets.answer_size(asked, about)
@@ -119,7 +118,7 @@ def _stream(name: str, packets: PacketFormat, *seeds: bytes, words: tuple[bytes,
             assert 0 <= packet.servo_id <= 255
         if len(data) < 3:
             return
-        most = 4 if packets is LX16A else 200
+        most = 4 if packets is PACKETS else 200
         servo_id, error, parameters = data[0] % 0xFD, data[1], data[2 : 2 + most]
         again = PacketStream(packets)
         found = again.feed(b"\0" + packets.status(servo_id, error, parameters))
@@ -145,9 +144,9 @@ PACKETS_2 = _stream(
 )
 PACKETS_LX16A = _stream(
     "packets-lx16a",
-    LX16A,
-    LX16A.status(1, 28, b"\1\2"),
-    LX16A.instruction(3, 1, bytes(4)),
+    PACKETS,
+    PACKETS.status(1, 28, b"\1\2"),
+    PACKETS.instruction(3, 1, bytes(4)),
     words=(b"\x55\x55", b"\x55\x55\1\3"),
 )
 
@@ -159,12 +158,12 @@ def _map(driver: str, model: str) -> BusMap:
 
 def _look_at(driver: str, model: str, data: bytes, *, by_hand: bool) -> None:
     """Let a servo of a model answer, and look at it as a person does, or as a bus."""
-    protocol = 1 if driver == "lx16a" else table_of(model).protocol
-    packets = packets_of(driver, protocol)
+    family, protocol = find_family(driver), MODELS_BY_NAME[model].protocol
+    packets = family.formats[protocol]
     line: Any = FuzzedLine(data, packets)
     with suppress(RobotFaultError):
         if by_hand:
-            servo = servo_with(PacketLine(line, packets, timeout_s=0.0, adapts=False), driver, protocol, 1)
+            servo = family.servo_with(PacketLine(line, packets, timeout_s=0.0, adapts=False), protocol, 1)
             str(servo.look().to_json())
             servo.limits()
             servo.settings()
@@ -208,7 +207,7 @@ def read_lx16a_servo(data: bytes) -> None:
 def read_register_table(data: bytes) -> None:
     """Read the report of every model from the same bytes, and write its numbers back."""
     for _, model in MODELS:
-        table = table_of(model)
+        table = MODELS_BY_NAME[model].table
         first, size = table.block
         report = data[:size].ljust(size, b"\0")
         for register, value in zip(table.reported, table.numbers(report), strict=True):
@@ -245,7 +244,7 @@ def _obeyed(driver: str, model: str, data: bytes) -> None:
     """Give bytes on a line to simulated servos of a model."""
     bus_map = _map(driver, model)
     counts = stance_counts(bus_map)
-    family = FAMILIES[driver](bus_map, counts, BusFaults(), dict.fromkeys(BUS_COUNTS, 0))
+    family = simulated_servos(bus_map)(bus_map, counts, BusFaults(), dict.fromkeys(BUS_COUNTS, 0))
     now_s = 0.0
     while True:
         packet, done = family.packets.take(data)
@@ -303,7 +302,7 @@ def _model(data: bytes) -> tuple[str, str]:
 
 
 def _protocol(data: bytes) -> int:
-    return table_of(_model(data)[1]).protocol
+    return MODELS_BY_NAME[_model(data)[1]].table.protocol
 
 
 @target(
@@ -333,13 +332,13 @@ def read_register_line(data: bytes) -> None:
     words=(b"\x14\4", b"\x15\0", b"\xfe"),
 )
 def read_lx16a_board(data: bytes) -> None:
-    _obeyed("lx16a", "lx16a", _packed(data, LX16A.instruction, most=4))
+    _obeyed("lx16a", "lx16a", _packed(data, PACKETS.instruction, most=4))
 
 
 @target(
     move_packet(1, 500, 100),
-    LX16A.instruction(1, 28),
-    LX16A.instruction(1, 20, b"\0\0\xe8\3"),
+    PACKETS.instruction(1, 28),
+    PACKETS.instruction(1, 20, b"\0\0\xe8\3"),
     words=(b"\x55\x55",),
 )
 def read_lx16a_line(data: bytes) -> None:

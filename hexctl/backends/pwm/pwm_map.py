@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.errors import InputError
-from hexctl.robot.servos.drivers import PWM_DRIVERS
 from hexctl.robot.servos.raw_map import IntPerJoint, RawMap, check_driver, check_once, joint_value
 from hexctl.robot.servos.servo_map import pulses_of
 from hexctl.robot.servos.servo_schema import ServosSection
@@ -71,7 +70,7 @@ class PwmMap(RawMap):
 
 def pwm_map_of(section: ServosSection, driver: str) -> PwmMap:
     """PWM map of a section, with joint ids as outputs; raises InputError for what the board does not have."""
-    check_driver(section, driver, PWM_DRIVERS)
+    check_driver(section, driver)
     for name in JOINT_NAMES:
         touch = getattr(section, name).touch
         if touch is not None and not name.endswith("tibia"):

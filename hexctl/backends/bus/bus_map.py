@@ -5,8 +5,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from hexctl.backends.bus.family import Family, find_family
+from hexctl.backends.bus.servo_type import ServoType
 from hexctl.errors import InputError
-from hexctl.robot.servos.drivers import BUS_DRIVERS
 from hexctl.robot.servos.raw_map import (
     IntPerJoint,
     RawMap,
@@ -15,7 +16,6 @@ from hexctl.robot.servos.raw_map import (
     check_once,
     joint_value,
 )
-from hexctl.robot.servos.servo_models import DEFAULT_MODELS, ServoType, servo_type
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.types import (
     JOINT_NAMES,
@@ -35,7 +35,7 @@ class BusMap(RawMap):
     """
 
     unit: ClassVar[str] = "counts"
-    driver: str
+    family: Family
     ids: IntPerJoint
     models: tuple[ServoType, ...]
     low_battery_v: float
@@ -44,7 +44,9 @@ class BusMap(RawMap):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_once("id", JOINT_NAMES, self.ids)
-        _check_models(self.driver, self.models)
+        if len({(model.counts, model.registers) for model in self.models}) > 1:
+            names = ", ".join(sorted({model.name for model in self.models}))
+            raise InputError(f"servos.model: got {names}; allowed: models with the same registers")
 
     def servo_name(self, joint: int) -> str:
         """The servo of a joint, 0..17, by its id."""
@@ -52,7 +54,7 @@ class BusMap(RawMap):
 
     @property
     def protocol(self) -> int:
-        """Version of the driver's protocol of the servos."""
+        """Version of the family's protocol."""
         return self.models[0].protocol
 
     @property
@@ -72,9 +74,9 @@ class BusMap(RawMap):
 
 def bus_map_of(section: ServosSection, driver: str, p_gain: int | None = None) -> BusMap:
     """Bus map of a section; raises InputError for ids, models, limits or a P gain that no bus can have."""
-    check_driver(section, driver, BUS_DRIVERS)
-    usual = DEFAULT_MODELS[driver]
-    models = tuple(servo_type(joint_value(section, joint, "model", usual)) for joint in range(N_JOINTS))
+    family = find_family(driver)
+    check_driver(section, driver)
+    models = tuple(family.model(joint_value(section, joint, "model", None)) for joint in range(N_JOINTS))
     calibration = calibration_of(
         section, "counts", [model.least for model in models], [model.most for model in models]
     )
@@ -90,7 +92,7 @@ def bus_map_of(section: ServosSection, driver: str, p_gain: int | None = None) -
             )
     ids = [joint_value(section, joint, "id", joint + 1) for joint in range(N_JOINTS)]
     return BusMap(
-        driver=driver,
+        family=family,
         ids=np.array(ids, dtype=np.int64),
         models=models,
         low_battery_v=section.low_battery_v or max(model.least_v for model in models),
@@ -99,13 +101,3 @@ def bus_map_of(section: ServosSection, driver: str, p_gain: int | None = None) -
         centre=np.array([float(model.centre) for model in models]),
         **calibration,
     )
-
-
-def _check_models(driver: str, models: tuple[ServoType, ...]) -> None:
-    for model in models:
-        if model.driver != driver:
-            raise InputError(f"servos.model: got {model.name} with {driver}; allowed: models of {driver}")
-    kinds = {(model.protocol, model.counts, model.registers) for model in models}
-    if len(kinds) > 1 and driver != "lx16a":  # which has no registers
-        names = sorted({model.name for model in models})
-        raise InputError(f"servos.model: got {', '.join(names)}; allowed: models with the same registers")

@@ -4,13 +4,13 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from hexctl.backends.bus.families.register_servo import RegisterServo
+from hexctl.backends.bus.families.registers import Register
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import BROADCAST, READ, SYNC_READ, SYNC_WRITE, StatusPacket
-from hexctl.backends.bus.register_servo import RegisterServo
-from hexctl.backends.bus.registers import Register
 from hexctl.backends.bus.servo import TRIES
 from hexctl.backends.bus.servo_bus import BusCounters, Report, ServoBus
-from hexctl.robot.servos.servo_models import ServoType
+from hexctl.backends.bus.servo_type import ServoType
 from hexctl.types import BoolArray, FloatArray
 
 #: Number of servos read one by one in a control period, if they do not answer a common packet.

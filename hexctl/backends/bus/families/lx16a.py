@@ -9,15 +9,16 @@ one.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
+from hexctl.backends.bus.family import Family
 from hexctl.backends.bus.packet_line import TIMEOUT_TIMES, PacketLine
 from hexctl.backends.bus.packets import SumPackets
 from hexctl.backends.bus.servo import NO_GAIN, OFFSET, TRIES, FoundServo, Servo, ServoSettings
 from hexctl.backends.bus.servo_bus import BusCounters, Report, ServoBus
-from hexctl.robot.servos.servo_models import ServoType
+from hexctl.backends.bus.servo_type import ServoType
 from hexctl.types import BoolArray, FloatArray
 
 #: Commands that write.
@@ -48,8 +49,9 @@ ANSWER_BYTES = {
 MOST_MOVE_MS = 30_000
 
 #: The one format of the family: an answer has the command that it answers in place of an error.
-LX16A = SumPackets(b"\x55\x55", counted=3, most_parameters=4, most_id=0xFF, answers=ANSWER_BYTES)
-LX16A.probe = READ_POSITION
+PACKETS = SumPackets(
+    b"\x55\x55", counted=3, most_parameters=4, most_id=0xFF, answers=ANSWER_BYTES, probe=READ_POSITION
+)
 
 #: Time of a move of a single servo, in ms: two steps of a soft motion.
 MOVE_MS = 40
@@ -82,12 +84,12 @@ OTHERS = (READ_VOLTAGE, READ_TEMPERATURE, READ_LOAD)
 def move_packet(servo_id: int, count: int, time_ms: int) -> bytes:
     """Packet that moves a servo to a count, 0 to 1000, in a time in ms."""
     time_ms = min(max(time_ms, 0), MOST_MOVE_MS)
-    return LX16A.instruction(servo_id, MOVE, count.to_bytes(2, "little") + time_ms.to_bytes(2, "little"))
+    return PACKETS.instruction(servo_id, MOVE, count.to_bytes(2, "little") + time_ms.to_bytes(2, "little"))
 
 
 def torque_packet(servo_id: int, *, on: bool) -> bytes:
     """Packet that switches the torque of a servo."""
-    return LX16A.instruction(servo_id, WRITE_LOAD, bytes([on]))
+    return PACKETS.instruction(servo_id, WRITE_LOAD, bytes([on]))
 
 
 def signed_number(parameters: bytes) -> int:
@@ -393,3 +395,21 @@ class Lx16aBus(ServoBus):
             if not self._silent[index]:  # a dead servo is no evidence about the others' moves
                 self._silent[index], self._missed_at_s = True, self._time.now()
         return None
+
+
+#: Counts of these servos: 1000 over 240 degrees.
+_COUNTS: dict[str, Any] = {"counts": 1000 * 360 / 240, "most": 1000, "centre": 500}
+
+LX16A = Family(
+    name="lx16a",
+    models=tuple(
+        ServoType(name, None, least_v, **_COUNTS)
+        for name, least_v in (("lx16a", 6.0), ("lx224", 6.0), ("hts35h", 9.0))
+    ),
+    bauds=(115_200,),
+    formats={1: PACKETS},
+    servo=Lx16aServo,
+    bus=Lx16aBus,
+    id_question=READ_ID,
+    simulated="hexctl.simulators.lx16a_servos:Lx16aServos",
+)

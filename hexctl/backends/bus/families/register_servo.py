@@ -3,12 +3,13 @@
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import Self
 
+from hexctl.backends.bus.families.registers import Register, RequiredValue, bit_words
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import READ, REBOOT, WRITE, StatusPacket
-from hexctl.backends.bus.registers import Register, RequiredValue, bit_words, table_of
 from hexctl.backends.bus.servo import NO_GAIN, OFFSET, TRIES, FoundServo, Servo, ServoSettings
-from hexctl.robot.servos.servo_models import SERVO_TYPES, ServoType
+from hexctl.backends.bus.servo_type import ServoType
 
 #: Message for a silent servo.
 SILENT = "no answer"
@@ -21,9 +22,6 @@ TORQUE_SHARE = 0.005
 
 #: Torque share of a softened servo, and its speed in degrees per second.
 SOFT_TORQUE, SOFT_DEG_S = 0.4, 60.0
-
-#: Models of servos whose model number is not known, by driver and protocol.
-LIKELY_MODELS = {("dynamixel", 2): "xl430-w250", ("dynamixel", 1): "ax12a", ("feetech", 1): "sts3215"}
 
 
 class RegisterServo(Servo):
@@ -39,10 +37,23 @@ class RegisterServo(Servo):
         known: bool = True,
     ) -> None:
         super().__init__(packets, servo_id, model)
-        self.table = table_of(model.name)
+        self.table = model.table
         self._number, self._known = number, known
         self._before: dict[Register, float] = {}
         self._stored: bytes | None = None  # memory before `ram`, while its settings are looked at
+
+    @classmethod
+    def identified(cls, packets: PacketLine, servo_id: int, models: Sequence[ServoType]) -> Self:
+        """Servo with this id, of the one of some models that it reports; of the first for another number."""
+        likely = cls(packets, servo_id, models[0])
+        number = likely.raw(likely.table.model)
+        if number is not None:
+            swapped = int.from_bytes(number.to_bytes(2, "little"), "big")
+            for each in (number, swapped):
+                for model in models:
+                    if model.number == each:
+                        return cls(packets, servo_id, model, number=each)
+        return cls(packets, servo_id, models[0], number=number, known=False)
 
     def raw(self, register: Register | None, *, tries: int = TRIES) -> int | None:
         """Raw number in a register; None without an answer or a register."""
@@ -309,10 +320,11 @@ class RegisterServo(Servo):
         self._lock(open_=False)
         return said
 
-    def reboot(self) -> None:
+    def reboot(self) -> bool:
         """Restart a servo of protocol 2, without torque."""
         if self.table.protocol == 2:
             self._packets.ask(self.servo_id, REBOOT)
+        return self.table.protocol == 2
 
     def _write_id(self, servo_id: int) -> str:
         return self.write(self.table.servo_id, servo_id)
@@ -397,19 +409,6 @@ class RegisterServo(Servo):
                 newest = ".".join(map(str, least))
                 notes.append(f"its firmware {firmware} is older than {newest}, and lacks {lacks}; update it")
         return notes
-
-
-def register_servo(packets: PacketLine, driver: str, servo_id: int, protocol: int) -> RegisterServo:
-    """Servo with this id, by its reported model; the likely model if the number is unknown."""
-    likely = RegisterServo(packets, servo_id, SERVO_TYPES[LIKELY_MODELS[driver, protocol]])
-    number = likely.raw(likely.table.model)
-    if number is not None:
-        swapped = int.from_bytes(number.to_bytes(2, "little"), "big")
-        for each in (number, swapped):
-            for model in SERVO_TYPES.values():
-                if (model.driver, model.protocol, model.number) == (driver, protocol, each):
-                    return RegisterServo(packets, servo_id, model, number=each)
-    return RegisterServo(packets, servo_id, likely.type, number=number, known=False)
 
 
 def _rounded(number: float | None, digits: int) -> float | None:

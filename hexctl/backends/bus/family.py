@@ -1,0 +1,75 @@
+"""A family of bus servos: all that is special about their protocol, in one value."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pkgutil import resolve_name
+
+from hexctl.backends.bus.packet_line import PacketLine
+from hexctl.backends.bus.packets import PacketFormat
+from hexctl.backends.bus.servo import Servo
+from hexctl.backends.bus.servo_bus import ServoBus
+from hexctl.backends.bus.servo_type import ServoType
+from hexctl.errors import InputError, argument
+from hexctl.robot.plugins import find_plugin
+from hexctl.robot.servos.drivers import FAMILIES, bus_drivers
+from hexctl.typed_names import nearest
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Family:
+    """Servos that share a protocol on a bus.
+
+    Attributes:
+        name: their driver in robot files and commands.
+        models: the default first, and the likely one of each version of the protocol before its others.
+        bauds: usual bits per second, the default first.
+        formats: packets by version of the protocol, the likely one first; servos without registers have 1.
+        servo: class of a single servo, by which tools ask it.
+        bus: class of the servos of all joints.
+        id_question: instruction that each servo answers with its id, also to a broadcast; None without one.
+        ids_differ: whether the id of an unknown model may be at another address, and is never changed.
+        simulated: its `hexctl.simulators.bus_servos.SimulatedServos`, as `package.module:Class`.
+    """
+
+    name: str
+    models: tuple[ServoType, ...]
+    bauds: tuple[int, ...]
+    formats: Mapping[int, PacketFormat]
+    servo: type[Servo]
+    bus: type[ServoBus]
+    id_question: int | None = None
+    ids_differ: bool = False
+    simulated: str
+
+    @property
+    def reports_model(self) -> bool:
+        """Whether its servos report a model number."""
+        return any(model.number is not None for model in self.models)
+
+    def model(self, name: str | None) -> ServoType:
+        """The model of a name, or the default for None; raises InputError for an unknown one."""
+        for model in self.models:
+            if name in (None, model.name):
+                return model
+        known = ", ".join(model.name for model in self.models)
+        raise InputError(f"servos.model: got {name} with {self.name}; allowed: {known}")
+
+    def servo_with(self, packets: PacketLine, protocol: int, servo_id: int) -> Servo:
+        """One servo by its id, of the model that it reports, else of the likely one."""
+        models = [model for model in self.models if model.protocol == protocol]
+        return self.servo.identified(packets, servo_id, models)
+
+
+def find_family(name: str) -> Family:
+    """Family of a driver's name; raises InputError for an unknown one, and for a plug-in without a family."""
+    if name in FAMILIES:
+        found: Family = resolve_name(FAMILIES[name])
+        return found
+    plugin, driver = find_plugin("families", name), argument("driver")
+    if plugin is None:
+        known = bus_drivers()
+        raise InputError(f"{driver}: got {name!r}; allowed: {', '.join(known)}{nearest(name, known)}")
+    loaded = plugin.load()
+    if not isinstance(loaded, Family) or loaded.name != name:
+        raise InputError(f"{driver}: {plugin} is {loaded!r}; allowed: a Family of this name")
+    return loaded
