@@ -4,7 +4,9 @@ import json
 import os
 import re
 import runpy
+import shutil
 import struct
+import subprocess
 import sys
 import threading
 import time
@@ -77,6 +79,16 @@ def test_servos_are_identified_from_the_log_of_a_bench(folder: Path, printed: Pr
     out = printed("identify_servos.py", str(log))
     (dead_time_s,) = re.findall(r"dead_time_s: ([\d.]+) s", out)
     assert float(dead_time_s) == pytest.approx(TRUTH.dead_time_s, abs=0.004)
+
+
+@pytest.mark.realtime
+def test_a_family_of_another_package_conforms_on_its_simulated_bus(folder: Path) -> None:
+    source = shutil.copytree(EXAMPLES / "bus_family", folder / "source")
+    pip = ("-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--target", "site")
+    subprocess.run([sys.executable, *pip, str(source)], check=True, timeout=120)
+    path = os.pathsep.join([str(folder / "site"), str(EXAMPLES.parent)])
+    test = (sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", str(source))
+    subprocess.run(test, check=True, timeout=300, env={**os.environ, "PYTHONPATH": path})
 
 
 def test_a_gamepad_drives_forward(folder: Path, printed: Printed) -> None:

@@ -26,7 +26,7 @@ CEILINGS = {
     "simulators": 3_170,
     "study": 6_910,
     "teleop": 1_960,
-    "testing": 570,
+    "testing": 650,
     "vision": 4_670,
     "wire": 3_250,
 }

@@ -7,11 +7,13 @@ from typing import Any
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.optimizers.shipped import NAMES
 from hexctl.backends.base import LegServos
+from hexctl.backends.bus.family import Family
 from hexctl.backends.registry import BACKENDS
 from hexctl.control.monitor.recovery import RECOVERIES, Recovery
 from hexctl.doctor.settings_check import without_home
 from hexctl.errors import HexctlError
 from hexctl.robot.plugins import Door, Plugin, find_plugin, plugins
+from hexctl.robot.servos.drivers import FAMILIES
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,7 +31,7 @@ def read_plugins(commands: Container[str] = ()) -> tuple[PluginFound, ...]:
     """All plug-ins, each imported; `commands` are names that no plug-in of another distribution can use."""
     doors: dict[Door, tuple[Container[str], Any]] = {
         "servos": (BACKENDS, LegServos),
-        "families": ((), object),
+        "families": (FAMILIES, Family),
         "optimizers": (NAMES, Optimizer),
         "recoveries": (RECOVERIES, Recovery),
         "commands": (commands, Callable),

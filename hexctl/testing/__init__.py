@@ -1,4 +1,4 @@
-"""Conformance suites for custom servos and optimizers; run by pytest.
+"""Conformance suites for custom servos, families of bus servos and optimizers; run by pytest.
 
 ```python
 from hexctl.testing import LegServosConformance
@@ -17,9 +17,12 @@ except ModuleNotFoundError as error:
     raise MissingExtraError("hexctl.testing", "testing") from error
 
 # Before the import of the suites: a failed comparison then shows both of its sides.
-pytest.register_assert_rewrite("hexctl.testing.servo_conformance", "hexctl.testing.optimizer_conformance")
+pytest.register_assert_rewrite(
+    *(f"hexctl.testing.{kind}_conformance" for kind in ("servo", "family", "optimizer"))
+)
 
+from hexctl.testing.family_conformance import BusFamilyConformance  # noqa: E402
 from hexctl.testing.optimizer_conformance import OptimizerConformance  # noqa: E402
 from hexctl.testing.servo_conformance import LegServosConformance  # noqa: E402
 
-__all__ = ["LegServosConformance", "OptimizerConformance"]
+__all__ = ["BusFamilyConformance", "LegServosConformance", "OptimizerConformance"]

@@ -9,14 +9,19 @@ import pytest
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.space import GaitSpace
-from hexctl.backends.registry import BackendOptions, make_servos
+from hexctl.backends.bus.bus_map import BusMap
+from hexctl.backends.bus.family import find_family
+from hexctl.backends.bus.servos import BusServos
+from hexctl.backends.registry import BackendOptions, make_servos, raw_map_of
 from hexctl.cli import completion
 from hexctl.control.monitor.recovery import WalkOn, make_recovery
 from hexctl.doctor.plugin_check import read_plugins
 from hexctl.errors import InputError, MissingExtraError
-from hexctl.robot.loader import load_robot
+from hexctl.robot.loader import load_robot, load_robot_file
 from hexctl.robot.plugins import plugin_names, plugins
+from hexctl.simulators.bus_servos import simulated_servos
 from tests.cli.conftest import Call
+from tests.robots import edited_file, put
 
 Install = Callable[..., None]
 
@@ -67,6 +72,33 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install
     for found in {*sys.modules} - loaded:
         if found.startswith(("outside", "other")):
             del sys.modules[found]
+
+
+FAMILY = """
+from dataclasses import replace
+from hexctl.backends.bus.families.feetech import FEETECH
+
+FAMILY = replace(FEETECH, name="acme", simulated="outside:Nothing")
+"""
+
+
+def test_a_family_is_a_driver_and_a_backend_by_its_name(install: Install, tmp_path: Path) -> None:
+    install(module=FAMILY, families="acme = outside:FAMILY\nother = outside:FAMILY\nno = outside:replace")
+    assert completion.drivers("ac") == completion.backends("ac") == ["acme"]
+    file = load_robot_file(
+        edited_file(tmp_path, put("servos", {"driver": "acme", "port": "x"}), base="phantomx")
+    )
+    assert "outside" not in sys.modules, "a robot file imports no plug-in"
+    bus_map = raw_map_of(file)
+    assert isinstance(bus_map, BusMap)
+    assert bus_map.family.name == "acme"
+    made = make_servos("acme", BackendOptions(robot=file.robot, robot_file=file))
+    assert isinstance(made, BusServos)
+    with pytest.raises(InputError, match=r"outside:Nothing"):
+        simulated_servos(bus_map)
+    for name in ("other", "no"):  # a family of another name, and a function
+        with pytest.raises(InputError, match=rf"driver: {name} of outside 1\.2 "):
+            find_family(name)
 
 
 def test_each_door_takes_a_plugin_by_its_name(install: Install) -> None:

@@ -7,7 +7,7 @@ FF FF FD in the parameters. A status packet has the error before its parameters 
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import fastcrc
@@ -33,12 +33,18 @@ class StatusPacket:
     parameters: bytes
 
 
+def inverted_sum(body: bytes) -> int:
+    """Checksum of protocol 1.0."""
+    return ~sum(body) & 0xFF
+
+
 class PacketFormat(ABC):
     """Encoder and decoder of a protocol's packets.
 
     Attributes:
         width: bytes of an address or a size in parameters.
         probe: instruction that every servo answers without any change.
+        checksum: of the bytes between the header and the checksum, 0 to 255.
         names_question: whether an answer names its instruction.
     """
 
@@ -102,6 +108,7 @@ class SumPackets(PacketFormat):
         most_parameters: maximum number of parameters.
         answers: parameters of the answer by instruction, if answers repeat the instruction.
         probe: instruction that every servo answers without any change.
+        checksum: of the bytes between the header and the checksum, 0 to 255.
     """
 
     def __init__(
@@ -113,8 +120,9 @@ class SumPackets(PacketFormat):
         most_id: int = BROADCAST,
         answers: Mapping[int, int] | None = None,
         probe: int = PING,
+        checksum: Callable[[bytes], int] = inverted_sum,
     ) -> None:
-        self.probe = probe
+        self.probe, self._checksum = probe, checksum
         self._header, self._counted = header, counted
         self._most, self._most_id, self._sizes = most_parameters, most_id, answers
         self.names_question = answers is not None
@@ -122,7 +130,7 @@ class SumPackets(PacketFormat):
     def instruction(self, servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
         """Packet that instructs a servo."""
         body = bytes([servo_id, len(parameters) + self._counted, instruction]) + parameters
-        return self._header + body + bytes([_sum(body)])
+        return self._header + body + bytes([self._checksum(body)])
 
     def size(self, packet: Packet) -> int:
         """Bytes of an encoded packet, without encoding it: polls measure each answer."""
@@ -152,7 +160,7 @@ class SumPackets(PacketFormat):
                 if len(data) < end:
                     return None, start
                 body = data[start + 2 : end - 1]
-                if _sum(body) == data[end - 1]:
+                if self._checksum(body) == data[end - 1]:
                     return (servo_id, body[2], body[3:]), end
             start = data.find(self._header, start + 1)
         return None, len(data) - data.endswith(self._header[:1])
@@ -235,10 +243,6 @@ class PacketStream:
             self._data, self.garbled = self._data[1:], self.garbled + 1
             found += self.feed(b"")
         return found
-
-
-def _sum(body: bytes) -> int:
-    return ~sum(body) & 0xFF
 
 
 def _begun(data: bytes, header: bytes) -> int:

@@ -1,7 +1,6 @@
 """Servos on a simulated bus: on a pseudo-terminal in a thread of the test, or in memory on simulated time."""
 
 import termios
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Generic, TypeVar
@@ -24,6 +23,7 @@ from hexctl.simulators.board_faults import BoardFault, parse_fault
 from hexctl.simulators.bus_board import BusBoard
 from hexctl.simulators.register_servos import BusServo
 from hexctl.simulators.simulated_board import SimulatedBoard
+from hexctl.testing.family_conformance import running
 from hexctl.time_source import TimeSource
 from hexctl.types import JOINT_NAMES
 from tests.backends.fake_time import FakeTime, Standing
@@ -68,20 +68,6 @@ def faults_of(kind: type[SimulatedBoard], texts: tuple[str, ...]) -> tuple[Board
 def _board(bus_map: BusMap, faults: tuple[str, ...], servos: LegServos, baud: int | None = None) -> BusBoard:
     baud = baud or bus_map.family.bauds[0]
     return BusBoard(servos, bus_map, baud=baud, faults=faults_of(BusBoard, faults))
-
-
-@contextmanager
-def running(board: Board) -> Iterator[Board]:
-    """A board that runs meanwhile."""
-    stop, ready = threading.Event(), threading.Event()
-    thread = threading.Thread(target=board.run, args=(stop.is_set,), kwargs={"ready": ready.set})
-    thread.start()
-    try:
-        assert ready.wait(20)
-        yield board
-    finally:
-        stop.set()
-        thread.join()
 
 
 @contextmanager

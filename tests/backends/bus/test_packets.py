@@ -123,7 +123,7 @@ def test_a_byte_is_stuffed_behind_what_looks_like_a_header() -> None:
 
 
 def test_moves_and_numbers_of_lx16a() -> None:
-    assert lx.move_packet(1, 0, 40_000) == lx.move_packet(1, 0, 30_000)
+    assert lx.move_packet(lx.PACKETS, 1, 0, 40_000) == lx.move_packet(lx.PACKETS, 1, 0, 30_000)
     assert [lx.signed_number(data) for data in (b"\xf4\x01", b"\xfb\xff", b"\x80")] == [500, -5, 128]
 
 

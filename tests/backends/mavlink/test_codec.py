@@ -221,7 +221,7 @@ def test_ports(text: str, kind: str, place: str, number: int, local: bool) -> No
     ],
 )
 def test_a_text_that_is_no_port_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match="connect: "):
+    with pytest.raises(InputError, match="port: "):
         parse_port(text)
 
 

@@ -14,7 +14,8 @@ from hexctl.backends.pwm.servo2040 import Servo2040Servos
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.pca9685_board import BITS_PER_S, Pca9685Board
 from hexctl.simulators.servo2040_board import Servo2040Board
-from tests.backends.bus.boards import MemoryDevice, faults_of, running
+from hexctl.testing.family_conformance import running
+from tests.backends.bus.boards import MemoryDevice, faults_of
 from tests.backends.fake_time import FakeTime, Standing
 from tests.robots import shipped
 

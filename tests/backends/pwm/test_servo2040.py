@@ -196,7 +196,7 @@ def test_a_device_that_talks_nonsense_is_no_board(noise: bytes) -> None:
 
 @pytest.mark.parametrize("text", [None, "", "/dev/ttyACM0:115200"])
 def test_a_port_that_is_none_is_refused(text: str | None) -> None:
-    with pytest.raises(InputError, match="connect: "):
+    with pytest.raises(InputError, match="port: "):
         parse_servo2040_port(text)
 
 

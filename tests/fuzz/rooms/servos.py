@@ -336,7 +336,7 @@ def read_lx16a_board(data: bytes) -> None:
 
 
 @target(
-    move_packet(1, 500, 100),
+    move_packet(PACKETS, 1, 500, 100),
     PACKETS.instruction(1, 28),
     PACKETS.instruction(1, 20, b"\0\0\xe8\3"),
     words=(b"\x55\x55",),

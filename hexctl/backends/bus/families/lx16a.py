@@ -15,7 +15,7 @@ import numpy as np
 
 from hexctl.backends.bus.family import Family
 from hexctl.backends.bus.packet_line import TIMEOUT_TIMES, PacketLine
-from hexctl.backends.bus.packets import SumPackets
+from hexctl.backends.bus.packets import PacketFormat, SumPackets
 from hexctl.backends.bus.servo import NO_GAIN, OFFSET, TRIES, FoundServo, Servo, ServoSettings
 from hexctl.backends.bus.servo_bus import BusCounters, Report, ServoBus
 from hexctl.backends.bus.servo_type import ServoType
@@ -81,15 +81,15 @@ SPAN_S = 0.0175
 OTHERS = (READ_VOLTAGE, READ_TEMPERATURE, READ_LOAD)
 
 
-def move_packet(servo_id: int, count: int, time_ms: int) -> bytes:
+def move_packet(packets: PacketFormat, servo_id: int, count: int, time_ms: int) -> bytes:
     """Packet that moves a servo to a count, 0 to 1000, in a time in ms."""
     time_ms = min(max(time_ms, 0), MOST_MOVE_MS)
-    return PACKETS.instruction(servo_id, MOVE, count.to_bytes(2, "little") + time_ms.to_bytes(2, "little"))
+    return packets.instruction(servo_id, MOVE, count.to_bytes(2, "little") + time_ms.to_bytes(2, "little"))
 
 
-def torque_packet(servo_id: int, *, on: bool) -> bytes:
+def torque_packet(packets: PacketFormat, servo_id: int, *, on: bool) -> bytes:
     """Packet that switches the torque of a servo."""
-    return PACKETS.instruction(servo_id, WRITE_LOAD, bytes([on]))
+    return packets.instruction(servo_id, WRITE_LOAD, bytes([on]))
 
 
 def signed_number(parameters: bytes) -> int:
@@ -133,14 +133,14 @@ class Lx16aServo(Servo):
     def set_torque(self, *, on: bool) -> bool:
         """Switch the torque until the servo confirms it."""
         for _ in range(TRIES):
-            self._packets.line.write(torque_packet(self.servo_id, on=on))
+            self._packets.line.write(torque_packet(self._packets.packets, self.servo_id, on=on))
             if self.torque() is on:
                 return True
         return False
 
     def go(self, count: float) -> str:
         """Set the goal; these servos do not acknowledge it."""
-        self._packets.line.write(move_packet(self.servo_id, round(count), MOVE_MS))
+        self._packets.line.write(move_packet(self._packets.packets, self.servo_id, round(count), MOVE_MS))
         return ""
 
     def settings(self) -> ServoSettings:
@@ -211,6 +211,7 @@ class Lx16aBus(ServoBus):
         self.lowest = np.array([float(model.least) for model in models.values()])
         self.highest = np.array([float(model.most) for model in models.values()])
         count = len(models)
+        self._format = packets.packets
         self._line, self._began_s = packets.line, 0.0  # when the period began
         self._on: BoolArray = np.zeros(count, dtype=bool)
         self._limp: BoolArray = np.zeros(count, dtype=bool)
@@ -251,7 +252,7 @@ class Lx16aBus(ServoBus):
         self._on[left] = on
         self._limp[left] = self._beyond[left] = False
         for _ in range(TRIES):
-            self._line.write(b"".join(torque_packet(self.ids[index], on=on) for index in left))
+            self._line.write(b"".join(torque_packet(self._format, self.ids[index], on=on) for index in left))
             left = [index for index in left if self._ask(index, READ_LOAD) != bytes([on])]
             if not left:
                 return
@@ -261,8 +262,8 @@ class Lx16aBus(ServoBus):
         self._on[self._beyond] = False
         chosen = np.flatnonzero(which).tolist()
         for index in chosen:
-            to_here = move_packet(self.ids[index], int(here[index]), PERIOD_MS)
-            self._line.write(to_here + torque_packet(self.ids[index], on=True) + to_here)
+            to_here = move_packet(self._format, self.ids[index], int(here[index]), PERIOD_MS)
+            self._line.write(to_here + torque_packet(self._format, self.ids[index], on=True) + to_here)
         self._sent[:] = self._earlier[:] = np.nan
         self._from[:] = np.where(which, here, np.nan)
         self.set_torque(True, chosen)
@@ -322,7 +323,8 @@ class Lx16aBus(ServoBus):
         times_ms = np.maximum(planned_ms, self._needed_ms(self._goals, arrive_s))
         self._note_moves(chosen, self._goals, times_ms, arrive_s)
         moves = [
-            move_packet(self.ids[index], int(self._sent[index]), int(times_ms[index])) for index in chosen
+            move_packet(self._format, self.ids[index], int(self._sent[index]), int(times_ms[index]))
+            for index in chosen
         ]
         if moves:
             self._line.write(b"".join(moves))
