@@ -18,10 +18,11 @@ import numpy as np
 from hexctl.backends.sim.flaws import SensorNoise
 from hexctl.backends.sim.simulation_model import delay_steps
 from hexctl.backends.sim.world import World, load_world, per_joint
-from hexctl.identify.identification import identify, move_on_stand
+from hexctl.identify.identification import identify
 from hexctl.identify.identified_file import write_identified
 from hexctl.identify.parameters import RobotValues
 from hexctl.identify.robot_log import read_robot_log
+from hexctl.identify.stand_run import move_on_stand
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.runs.run import run

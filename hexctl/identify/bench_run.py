@@ -16,8 +16,7 @@ from hexctl.identify.fit import ROUGH_GAIN, Fit, OnStage, fit_values
 from hexctl.identify.parameters import OF_SERVO, PARAMETERS, ServoValues
 from hexctl.identify.powered_servos import PoweredServos
 from hexctl.robot.configs import validate
-from hexctl.robot.formats.mjcf import STICTION
-from hexctl.robot.formats.xml_text import numbers
+from hexctl.robot.model import STICTION
 from hexctl.robot.plausibility import bench_problem
 from hexctl.types import ArrayFields, BoolArray, FloatArray
 
@@ -118,7 +117,7 @@ def hinge_model(kg: float, centre_m: float, inertia_kg_m2: float) -> Any:
     return mujoco.MjModel.from_xml_string(
         f'<mujoco><option timestep="{STEP_S}" integrator="implicitfast"/><worldbody><body>'
         f'<joint name="servo" type="hinge" axis="0 1 0" frictionloss="0.1" '
-        f'solimpfriction="{numbers(*STICTION)}"/><inertial pos="0 0 {-centre_m}" mass="{kg}" '
+        f'solimpfriction="{" ".join(map(str, STICTION))}"/><inertial pos="0 0 {-centre_m}" mass="{kg}" '
         f'diaginertia="{inertia_kg_m2} {inertia_kg_m2} {1e-6}"/></body></worldbody><actuator>'
         '<position joint="servo" kp="1" kv="0.1" forcelimited="true" forcerange="-1 1" '
         f'delay="{(DELAY_SAMPLES - 2) * STEP_S}" nsample="{DELAY_SAMPLES}"/></actuator></mujoco>'

@@ -13,6 +13,10 @@ from hexctl.errors import InputError, check_type
 from hexctl.robot.schema import Body, GaitDefaults, ServoModel
 from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, FloatArray, check_finite, same_value
 
+#: Impedance of dry friction in simulations. With MuJoCo's 0.9 a joint creeps at degrees per second under half
+#: its breakaway torque; with this, at hundredths.
+STICTION = (0.999, 0.999, 0.001)
+
 #: Arrays with their shapes.
 PerLink = Annotated[FloatArray, (JOINTS_PER_LEG,)]
 PerJoint = Annotated[FloatArray, (N_JOINTS,)]

@@ -1,6 +1,7 @@
 """The program: what it loads, missing extras, hostile paths and files, and its exit codes."""
 
 import errno
+import json
 import os
 import subprocess
 import sys
@@ -31,6 +32,20 @@ def test_help_and_the_package_load_nothing_heavy() -> None:
     )
     assert "run" in done.stdout
     assert (done.returncode, done.stderr.strip()) == (0, "[]")
+
+
+@pytest.mark.slow
+def test_a_bench_identification_loads_no_walking_robot(tmp_path: Path) -> None:
+    reading = {"position": 0.0, "goal_position": 0.0}
+    entries = [{"timestamp": 0.02 * number, **reading} for number in range(20)]
+    path = tmp_path / "run.json"
+    path.write_text(json.dumps({"mass": 1, "length": 0.1, "kp": 16, "entries": entries}))
+    done = run_program(
+        "import sys\nfrom hexctl.cli.main import exit_code\n"
+        f"assert exit_code(['identify', {str(path)!r}]) == 0\n"
+        "print(sum(name.partition('.')[0] == 'hexctl' for name in sys.modules), file=sys.stderr)"
+    )
+    assert int(done.stderr.split()[-1]) <= 60, done.stderr
 
 
 @pytest.mark.slow

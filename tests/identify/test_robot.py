@@ -15,13 +15,14 @@ from hexctl.backends.sim.world import World
 from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
 from hexctl.identify.fit import SMALL_RAD, Fit, OnStage, fit_values, near_values
-from hexctl.identify.identification import Identification, IdentificationRun, move_on_stand
+from hexctl.identify.identification import Identification
 from hexctl.identify.identification_picture import SHOWN_S, draw_identification
 from hexctl.identify.identified_file import write_identified
 from hexctl.identify.options import IdentifyOptions
 from hexctl.identify.parameters import OF_TRUNK, PARAMETERS, RobotValues
 from hexctl.identify.robot_log import RobotLog, in_counts, read_robot_log
 from hexctl.identify.stand_motions import StandMotions
+from hexctl.identify.stand_run import IdentificationRun, move_on_stand
 from hexctl.robot.configs import config_names, find_config
 from hexctl.robot.loader import RobotFile, load_robot, load_robot_file
 from hexctl.robot.yaml_text import yaml_content

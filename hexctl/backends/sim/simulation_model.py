@@ -17,8 +17,7 @@ from hexctl.errors import InputError
 from hexctl.mujoco_import import import_undrawn, mujoco
 from hexctl.robot.failure import Failures, each_failure
 from hexctl.robot.formats.link_masses import link_capsule, link_mass
-from hexctl.robot.formats.mjcf import STICTION
-from hexctl.robot.model import Robot
+from hexctl.robot.model import STICTION, Robot
 from hexctl.robot.rotations import about_z, product
 from hexctl.robot.schema import Body, even_box_m
 from hexctl.types import GRAVITY_M_S2, JOINT_KINDS, N_JOINTS, N_LEGS, ArrayFields, FloatArray

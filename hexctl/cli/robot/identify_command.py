@@ -16,16 +16,12 @@ from hexctl.cli.console import (
     print_result,
 )
 from hexctl.cli.progress import StatusLine, interruptible
-from hexctl.cli.render.stop_reasons import why_in_words
 from hexctl.cli.settings import is_said
 from hexctl.cli.shared_options import JsonOption, record_folder
 from hexctl.cli.signature import with_options
-from hexctl.cli.walk.connected_run import check_commanded, clear_command, connected
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.identify.options import WITHOUT_LOGS, IdentifyOptions, picture_of
 from hexctl.identify.parameters import PARAMETERS, RobotValues
-from hexctl.identify.stand_motions import MOST_RAD
-from hexctl.robot.loader import load_robot
 
 if TYPE_CHECKING:
     from hexctl.identify.identification import Identification
@@ -85,6 +81,8 @@ def identify(
         raise InputError("--output requires --robot with logs: the robot file that is copied and changed")
     own_robot = None
     if is_said(context, "robot") and paths[0].suffix == ".rrd":
+        from hexctl.robot.loader import load_robot
+
         own_robot = load_robot(str(options.robot))
     print_message("the search takes some minutes; Ctrl-C keeps the logs")
     try:
@@ -111,11 +109,9 @@ def identify(
 
 
 def _print_doubts(found: "Identification") -> None:
-    from hexctl.identify.robot_log import RobotLog
-
-    for log in found.replays:
-        if isinstance(log, RobotLog) and (late := _late_readings(log)):
-            print_message(f"{log.name}: {late}")
+    of_robot = isinstance(found.fit.values, RobotValues)
+    if of_robot:
+        _print_late_readings(found)
     errors = found.to_dict()["error_deg"]
     if errors["after"] > errors["before"] + WORSE_DEG:
         raise InputError(
@@ -123,16 +119,24 @@ def _print_doubts(found: "Identification") -> None:
             f"({errors['before']:.2f} deg), nothing was written; allowed: motions of working legs, and rad, "
             "m, kg and s on a bench"
         )
-    if (left_deg := _left_deg(found)) > POOR_DEG:
+    if of_robot and (left_deg := _left_deg(found)) > POOR_DEG:
         print_message(
             f"a poor fit, {left_deg:.2f} deg are left: the values may be wrong; has a leg failed? On a stand "
             "no foot may touch anything, and the robot file must have the right masses and lengths"
         )
-    if (share := _left_share(found)) > POOR_SHARE:
+    if not of_robot and (share := _left_share(found)) > POOR_SHARE:
         print_message(
             f"a poor fit, {100 * share:.0f} % of the motion is left: the values may be wrong; the runs must "
             "count in rad, m, kg and s, not in degrees, mm or grams"
         )
+
+
+def _print_late_readings(found: "Identification") -> None:
+    from hexctl.identify.robot_log import RobotLog
+
+    for log in found.replays:
+        if isinstance(log, RobotLog) and (late := _late_readings(log)):
+            print_message(f"{log.name}: {late}")
 
 
 def _left_share(found: "Identification") -> float:
@@ -173,7 +177,10 @@ def _again(paths: list[Path], options: IdentifyOptions) -> str:
 def _moved(given: dict[str, Any], *, yes: bool) -> Path:
     """Recording of the motions on the stand."""
     from hexctl.cli.prompts import ask_consent
-    from hexctl.identify.identification import IdentificationRun
+    from hexctl.cli.render.stop_reasons import why_in_words
+    from hexctl.cli.walk.connected_run import check_commanded, clear_command, connected
+    from hexctl.identify.stand_motions import MOST_RAD
+    from hexctl.identify.stand_run import IdentificationRun
     from hexctl.runs.run_spec import RunSpec
 
     where = {field.name: given[field.name] for field in fields(RecordedOptions) if field.name in given}
@@ -223,6 +230,7 @@ def _write(found: "Identification", options: IdentifyOptions, paths: list[Path])
         return None
     from hexctl.identify.identification_picture import draw_identification
     from hexctl.identify.identified_file import write_identified
+    from hexctl.robot.loader import load_robot
 
     output = Path(options.output)
     write_identified(str(options.robot), found, output)

@@ -8,7 +8,7 @@ from hexctl.palette import BACKGROUND, BODY_COLOR, GROUND_COLOR, LINK_COLORS
 from hexctl.robot.formats.link_frames import BASE_LINK, FOOT_LINKS, JOINT_LINKS
 from hexctl.robot.formats.link_masses import PartMass, link_capsule, link_mass, trunk_mass
 from hexctl.robot.formats.xml_text import add, color_text, number, numbers, text_of
-from hexctl.robot.model import Robot
+from hexctl.robot.model import STICTION, Robot
 from hexctl.robot.rotations import about_z, quaternion_about
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_LEGS
 
@@ -18,10 +18,6 @@ SIZE_KEY, GAIT_KEY, SPEED_KEY = "size_m", "gait", "max_speed_rad_s"
 
 #: Step of the physics in a file.
 STEP_S = 0.002
-
-#: Impedance of dry friction. With MuJoCo's 0.9 a joint creeps at degrees per second under half its breakaway
-#: torque; with this, at hundredths.
-STICTION = (0.999, 0.999, 0.001)
 
 #: The robot collides with only the floor; legs pass through one another.
 _TOUCHES = {"contype": "0", "conaffinity": "1"}
