@@ -20,7 +20,7 @@ from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.errors import HexctlError
 from hexctl.files import atomic_write, write_trouble
 from hexctl.robot.model import Robot
-from hexctl.study.versions import code_versions, source_digest
+from hexctl.study.versions import code_versions
 
 #: Folder of the commands' cache, below the working directory.
 FOLDER = Path("runs/study-cache")
@@ -118,7 +118,7 @@ class Place(ABC, Generic[CaseT, WalkT]):
         return {
             "robot": self.robot.fingerprint,
             "world": self.world.model_dump(mode="json"),
-            "code": _versions(type(self).__module__),
+            "code": code_versions(),
             **self.settings(),
         }
 
@@ -126,11 +126,6 @@ class Place(ABC, Generic[CaseT, WalkT]):
     def fingerprint(self) -> str:
         """Digest of the identity, 16 hexadecimal digits."""
         return hashlib.sha256(json.dumps(self.identity(), sort_keys=True).encode()).hexdigest()[:16]
-
-
-@cache
-def _versions(module: str) -> dict[str, str]:
-    return code_versions() | {"source": source_digest(module)}
 
 
 #: Cases, place by place.

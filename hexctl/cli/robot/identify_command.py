@@ -9,12 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hexctl.backends.robot_options import RecordedOptions
-from hexctl.cli.console import (
-    INTERRUPTED,
-    code_of,
-    print_message,
-    print_result,
-)
+from hexctl.cli.console import INTERRUPTED, code_of, print_message, print_result
 from hexctl.cli.progress import StatusLine, interruptible
 from hexctl.cli.settings import is_said
 from hexctl.cli.shared_options import JsonOption, record_folder
@@ -111,7 +106,11 @@ def identify(
 def _print_doubts(found: "Identification") -> None:
     of_robot = isinstance(found.fit.values, RobotValues)
     if of_robot:
-        _print_late_readings(found)
+        from hexctl.identify.robot_log import RobotLog
+
+        for log in found.replays:
+            if isinstance(log, RobotLog) and (late := _late_readings(log)):
+                print_message(f"{log.name}: {late}")
     errors = found.to_dict()["error_deg"]
     if errors["after"] > errors["before"] + WORSE_DEG:
         raise InputError(
@@ -129,14 +128,6 @@ def _print_doubts(found: "Identification") -> None:
             f"a poor fit, {100 * share:.0f} % of the motion is left: the values may be wrong; the runs must "
             "count in rad, m, kg and s, not in degrees, mm or grams"
         )
-
-
-def _print_late_readings(found: "Identification") -> None:
-    from hexctl.identify.robot_log import RobotLog
-
-    for log in found.replays:
-        if isinstance(log, RobotLog) and (late := _late_readings(log)):
-            print_message(f"{log.name}: {late}")
 
 
 def _left_share(found: "Identification") -> float:
