@@ -266,6 +266,8 @@ class RobotState(ArrayFields):
         current_a: of all servos together, or None if unknown.
         stale_joints: joints whose servos have been silent for longer than usual, (18,): their positions and
             torques are older than the stamp; None if there are none.
+        joint_velocities_rad_s: (18,), at the stamp, or None if unknown.
+        angular_velocity_body_rad_s: of the body, about its own axes, (3,), or None if unknown.
     """
 
     joint_positions_rad: FloatArray
@@ -286,3 +288,5 @@ class RobotState(ArrayFields):
     current_a: float | None = None
     low_battery_v: float | None = None
     stale_joints: BoolArray | None = None
+    joint_velocities_rad_s: FloatArray | None = None
+    angular_velocity_body_rad_s: FloatArray | None = None

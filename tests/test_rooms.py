@@ -6,29 +6,29 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
-    "": 2_270,
-    "adapt": 7_855,
+    "": 2_440,
+    "adapt": 7_670,
     "backends": 10_680,
     "cli": 6_955,
     "client": 1_020,
     "control": 13_600,
     "demo": 220,
     "doctor": 625,
-    "export": 1_860,
+    "export": 1_830,
     "gait": 740,
     "identify": 1_665,
     "ik": 1_190,
     "learning": 430,
-    "recording": 4_270,
+    "recording": 3_830,
     "robot": 6_870,
     "runs": 1_100,
-    "server": 3_960,
+    "server": 3_980,
     "simulators": 3_170,
     "study": 6_840,
     "teleop": 1_960,
     "testing": 650,
     "vision": 4_670,
-    "wire": 3_250,
+    "wire": 3_320,
 }
 
 

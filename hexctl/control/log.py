@@ -9,48 +9,14 @@ import numpy as np
 
 from hexctl.backends.base import LegServos, failures_in_force
 from hexctl.backends.clock import Tick
+from hexctl.columns import COLUMN_NAMES, COLUMNS, SENSED
 from hexctl.control.controllers import Controller
-from hexctl.control.table import Column, ServoRows, Table
+from hexctl.control.table import ServoRows, Table
 from hexctl.control.telemetry_watch import SeenWarnings
 from hexctl.control.trace import PHASES, TrialFrame
 from hexctl.errors import InputError, MissingExtraError, check_type
 from hexctl.robot.failure import Failure
-from hexctl.types import JOINT_NAMES, N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState
-
-LEG_NAMES = tuple(f"leg{leg}" for leg in range(1, N_LEGS + 1))
-
-
-def joint_fields(what: str, unit: str) -> tuple[str, ...]:
-    """Data frame columns of a value of all 18 joints, such as `measured_leg1_coxa_rad`."""
-    return tuple(f"{what}_{joint}_{unit}" for joint in JOINT_NAMES)
-
-
-def _joints(name: str, what: str, unit: str) -> Column:
-    return Column(name, (N_JOINTS,), fields=joint_fields(what, unit))
-
-
-def _vector(name: str, fields: Sequence[str], kind: type = float) -> Column:
-    return Column(name, (len(fields),), kind, tuple(fields))
-
-
-#: The columns of a log, in the order of data frames.
-COLUMNS: tuple[Column, ...] = (
-    Column("time_s"),  # on the clock of the servos
-    Column("phase", kind=int),  # index in `PHASES`
-    _joints("commanded_rad", "commanded", "rad"),  # which the guard let pass
-    _joints("measured_rad", "measured", "rad"),
-    _vector("base_position_world", [f"base_{axis}_m" for axis in "xyz"]),
-    _vector("base_quaternion_world", [f"base_q{axis}" for axis in "wxyz"]),
-    _vector("foot_contacts", [f"contact_{leg}" for leg in LEG_NAMES], bool),
-    _joints("joint_torques_nm", "torque", "nm"),
-    _vector("velocity_body", ("commanded_forward_m_s", "commanded_left_m_s", "commanded_turn_rad_s")),
-    _vector("leg_suspicion", [f"suspicion_{leg}" for leg in LEG_NAMES]),  # an alarm at 1
-    _joints("wanted_rad", "wanted", "rad"),  # which the controller returned
-    Column("late_s"),  # how much later than planned the tick began
-    Column("work_s"),
-)
-
-COLUMN_NAMES = tuple(column.name for column in COLUMNS)
+from hexctl.types import FloatArray, JointTargets, RobotState
 
 #: Ticks of a block in a simulated walk: one second.
 BLOCK_TICKS = 50
@@ -89,6 +55,7 @@ class TickLog:
         frame: the trial frame, from the start of the walk on.
         posed_from: the first row with a base position, None before any.
         walk_from: the first row of the walk, None before it.
+        missing: names of columns that the last tick did not measure.
         notes: rows and texts of events, such as new warnings of the robot.
         servo_rows: rows and reports of single servos, once a second.
     """
@@ -98,7 +65,7 @@ class TickLog:
         self.phase = PHASES[0]
         self.frame: TrialFrame | None = None
         self.posed_from: int | None = None
-        self.contacts_known = True
+        self.missing: set[str] = set()
         self.walked_ticks = 0
         self.walk_from: int | None = None
         self.notes: list[tuple[int, str]] = []
@@ -127,9 +94,9 @@ class TickLog:
 
         Columns have the names of exported CSV and Parquet files: `time_s` since the first tick, `walk_s`
         since the walk began (0 before), `phase` in words, `commanded_leg1_coxa_rad` (sent),
-        `measured_..._rad`, `torque_..._nm`, `wanted_..._rad` (before the guard), `base_x_m`, `base_qw`,
-        `contact_leg1`, `suspicion_leg1`, `commanded_forward_m_s`, `late_s` and `work_s`. Unknown values are
-        NaN.
+        `measured_..._rad`, `torque_..._nm`, `velocity_..._rad_s`, `wanted_..._rad` (before the guard),
+        `base_x_m`, `base_qw`, `angular_velocity_x_rad_s`, `contact_leg1`, `suspicion_leg1`,
+        `commanded_forward_m_s`, `late_s` and `work_s`. Unknown values are NaN.
 
         Raises MissingExtraError without pandas (extra `data`).
         """
@@ -141,8 +108,9 @@ class TickLog:
         time_s, walk_s = values["time_s"], np.zeros(len(self))
         if self.walk_from is not None:
             walk_s = np.maximum(0.0, time_s - time_s[self.walk_from])
-        if not (self.contacts_known or values["foot_contacts"].any()):
-            del values["foot_contacts"]
+        for name in self.missing:
+            if not values[name].any():  # False if it was never measured
+                del values[name]
         values |= {"time_s": time_s - time_s[:1], "walk_s": walk_s}
         return pandas.DataFrame(frame_columns(values))
 
@@ -159,21 +127,18 @@ class TickLog:
         columns["time_s"][row] = tick.time_s
         columns["late_s"][row] = tick.late_s
         columns["phase"][row] = PHASES.index(self.phase)
-        columns["measured_rad"][row] = state.joint_positions_rad
         columns["wanted_rad"][row] = wanted_rad
         columns["commanded_rad"][row] = sent.joint_positions_rad
-        if state.base_quaternion_world is not None:
-            columns["base_quaternion_world"][row] = state.base_quaternion_world
-        if state.base_position_world is not None:
-            columns["base_position_world"][row] = state.base_position_world
-            self.posed_from = index if self.posed_from is None else self.posed_from
-        self.contacts_known = state.foot_contacts is not None
-        if self.contacts_known:
-            columns["foot_contacts"][row] = state.foot_contacts
+        self.missing.clear()
+        for column in SENSED:
+            if (values := getattr(state, column.source)) is None:
+                self.missing.add(column.name)
+            else:
+                columns[column.name][row] = values
+        if state.base_position_world is not None and self.posed_from is None:
+            self.posed_from = index
         if state.servos is not None and index % SERVO_TICKS == 0:
             self.servo_rows.append(index, state.servos)
-        if state.joint_torques_nm is not None:
-            columns["joint_torques_nm"][row] = state.joint_torques_nm
         if self.controller is not None:
             if (velocity_body := self.controller.velocity_body) is not None:
                 columns["velocity_body"][row] = velocity_body
@@ -324,15 +289,17 @@ class _Active:
 
 
 def frame_columns(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Columns (T,) of a data frame by name, in the order of `COLUMNS`; missing foot contacts become NaN."""
-    unknown = {"foot_contacts": np.full((len(values["time_s"]), N_LEGS), np.nan)}
-    frame: dict[str, Any] = {}
+    """Columns (T,) of a data frame by name, in the order of `COLUMNS`; missing optional ones are NaN."""
+    ticks, frame = len(values["time_s"]), dict[str, Any]()
     for column in COLUMNS:
-        if (each := {**unknown, **values}.get(column.name)) is None:
+        each = values.get(column.name)
+        if each is None and not column.optional:
             continue
+        if each is None:
+            each = np.full((ticks, *column.shape), np.nan)
         if column.name == "phase":
             each = np.array(PHASES)[each]
-        frame |= {name: each[:, place] for place, name in enumerate(column.fields)} or {column.name: each}
+        frame |= dict(zip(column.fields, each.reshape(ticks, len(column.fields)).T, strict=True))
         if column.name == "time_s":
             frame["walk_s"] = values["walk_s"]
     return frame

@@ -1,6 +1,6 @@
 """Growing tables of ticks and servo readings: the newest rows in memory, older ones on disk.
 
-An hour of ticks takes 150 MB, too much for a robot's computer. Older rows go to a nameless file that vanishes
+An hour of ticks takes 165 MB, too much for a robot's computer. Older rows go to a nameless file that vanishes
 with the process. It is not mapped: an error of the disk would then end the process.
 """
 
@@ -12,37 +12,26 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from contextlib import suppress
 from errno import EIO, ENOSPC
-from typing import IO, Any, NamedTuple
+from typing import IO, Any
 
 import numpy as np
 
-from hexctl.types import N_JOINTS, ServoReadings
+from hexctl.columns import READINGS, Column
+from hexctl.types import ServoReadings
 
 _LOG = logging.getLogger(__name__)
 
 #: Preferred folder of the file, because `/tmp` may be memory; else the default of temporary files.
 FOLDER = "/var/tmp"  # noqa: S108  the file has no name
 
-#: Rows per chunk. Writing one delays a tick by 0.2 ms for the 190 kB of a log (one server core, page cache).
+#: Rows per chunk. Writing one delays a tick by 0.2 ms for the 230 kB of a log (one server core, page cache).
 CHUNK_ROWS = 256
 
 #: Chunks in memory: more than a recording that lags has not read yet.
 KEPT_CHUNKS = 16
 
-#: The numbers of `ServoReadings`.
-NUMBERS = ("ages_s", "efforts", "currents_a", "voltages_v", "temperatures_c")
-
 #: Readings per chunk: half a minute at one reading a second.
 CHUNK_READINGS = 32
-
-
-class Column(NamedTuple):
-    """A column of a table; the shape of a number is (), and unknown values are NaN, 0 or False."""
-
-    name: str
-    shape: tuple[int, ...] = ()
-    kind: type = float
-    fields: tuple[str, ...] = ()
 
 
 class Table:
@@ -142,7 +131,7 @@ class ServoRows:
 
     def __init__(self) -> None:
         self._rows = array("q")
-        self._numbers = Table([Column(name, (N_JOINTS,)) for name in NUMBERS], chunk_rows=CHUNK_READINGS)
+        self._numbers = Table(READINGS, chunk_rows=CHUNK_READINGS)
         #: Of each reading; equal ones, as most are, share a tuple.
         self._errors: list[tuple[str, ...]] = []
 
@@ -151,14 +140,14 @@ class ServoRows:
         same = bool(self._errors) and self._errors[-1] == servos.errors
         self._errors.append(self._errors[-1] if same else servos.errors)
         arrays, place, _ = self._numbers.append()
-        for name in NUMBERS:
-            arrays[name][place] = getattr(servos, name)
+        for column in READINGS:
+            arrays[column.name][place] = getattr(servos, column.name)
         self._rows.append(row)
 
     def between(self, start: int, stop: int) -> list[tuple[int, ServoReadings]]:
         """Rows and readings from row `start` on, before row `stop`."""
         first, end = bisect_left(self._rows, start), bisect_left(self._rows, stop)
-        numbers = {name: self._numbers.rows(name, first, end) for name in NUMBERS}
+        numbers = {column.name: self._numbers.rows(column.name, first, end) for column in READINGS}
         return [
             (
                 self._rows[index],

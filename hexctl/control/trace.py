@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hexctl.control.table import Column, Table
+from hexctl.columns import Column
+from hexctl.control.table import Table
 from hexctl.control.telemetry_watch import SeenWarnings
 from hexctl.types import ArrayFields, FloatArray, RobotState
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from hexctl.adapt.sessions.session_tables import export_session
 from hexctl.adapt.sessions.store import RUNS, StoreError
-from hexctl.control.log import frame_columns, joint_fields
+from hexctl.columns import READINGS, RECORDED, Column
+from hexctl.control.log import frame_columns
 from hexctl.errors import InputError, MissingExtraError, argument, is_of_disk
 from hexctl.export.export_options import (
     FORMATS,
@@ -34,20 +35,12 @@ from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.scratch import scratch_folder
 
-#: Columns of servo readings: prefix and suffix of the joint's name.
-READING_COLUMNS = {
-    "temperatures_c": ("temperature", "c"),
-    "voltages_v": ("voltage", "v"),
-    "currents_a": ("current", "a"),
-    "ages_s": ("age", "s"),
-}
-
 
 def trial_columns(trial: RecordedTrial) -> dict[str, Any]:
     """Columns of a trial by name, (T,) each; NaN, or an empty text, if nothing was recorded."""
     ticks = len(trial)
     columns: dict[str, Any] = {"stamp_ns": trial.stamps_ns}
-    contacts = {} if trial.foot_contacts is None else {"foot_contacts": trial.foot_contacts}
+    sensors = {one.name: _values(one, trial) for one in RECORDED if one.name in trial.sensors}
     columns |= frame_columns(
         {
             "time_s": trial.time_s,
@@ -57,20 +50,24 @@ def trial_columns(trial: RecordedTrial) -> dict[str, Any]:
             "measured_rad": trial.measured_rad,
             "base_position_world": trial.base_position_world,
             "base_quaternion_world": trial.base_quaternion_world,
-            "joint_torques_nm": trial.torques_nm.at_every_tick(ticks),
-            "velocity_body": trial.velocity_body.at_every_tick(ticks),
             "leg_suspicion": trial.leg_suspicion.at_every_tick(ticks),
-            **contacts,
+            **sensors,
         }
     )
-    for name, samples in trial.servos.items():
-        fields = joint_fields(*READING_COLUMNS[name])
-        columns |= dict(zip(fields, samples.at_every_tick(ticks).T, strict=True))
+    for reading in READINGS:
+        if (samples := trial.servos.get(reading.name)) is not None:
+            columns |= dict(zip(reading.fields, samples.at_every_tick(ticks).T, strict=True))
     texts = [""] * ticks
     for event in trial.events:
         texts[event.row] = "; ".join(filter(None, (texts[event.row], event.text)))
     columns["events"] = np.array(texts, dtype=object)
     return columns
+
+
+def _values(column: Column, trial: RecordedTrial) -> Any:
+    """Values at every tick, NaN if unknown; truths as such if all are known."""
+    values = trial.sensors[column.name].at_every_tick(len(trial))
+    return values.astype(bool) if column.kind is bool and np.isfinite(values).all() else values
 
 
 def write_csv(trial: RecordedTrial, path: Path) -> None:

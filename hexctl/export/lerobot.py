@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from hexctl.backends.clock import PERIOD_S
+from hexctl.columns import RECORDED
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.export.recordings import OnProgress, Trials, title_of
 from hexctl.recording.recorded_trial import RecordedTrial
-from hexctl.types import JOINT_NAMES, N_LEGS, FloatArray
+from hexctl.types import JOINT_NAMES, FloatArray
 
 #: Frames per second: one for each tick.
 FPS = round(1 / PERIOD_S)
@@ -28,7 +29,7 @@ VECTORS: dict[str, tuple[str, ...]] = {
     "action": JOINT_NAMES,
     "observation.state": JOINT_NAMES,
     "observation.pose": POSE_NAMES,
-    "observation.contacts": tuple(f"leg{leg}" for leg in range(1, N_LEGS + 1)),
+    **{column.feature: column.parts for column in RECORDED if column.feature is not None},
 }
 #: Numbers of a frame.
 SCALARS = {
@@ -44,7 +45,7 @@ def write_lerobot(trials: Trials, folder: Path, on_progress: OnProgress) -> None
     """Write trials of one robot as a LeRobot dataset into a new folder.
 
     `action` contains the commanded joint angles, `observation.state` the measured ones, both in rad. Pose and
-    contacts are included if all trials have them. Frames are evenly spaced, with interpolated values. Raises
+    sensors are included if all trials have them. Frames are evenly spaced, with interpolated values. Raises
     InputError for trials of several robots, and MissingExtraError without pandas and pyarrow.
     """
     pa, pq, pandas = _libraries()
@@ -95,19 +96,25 @@ def _libraries() -> tuple[Any, Any, Any]:
 
 
 def _frames(trial: RecordedTrial, number: int, before: int, task: int) -> dict[str, Any]:
-    """Columns of an episode by name; without pose or contacts if the trial has none."""
+    """Columns of an episode by name; without a pose or a sensor that the trial does not know throughout."""
     length = round(float(trial.time_s[-1]) * FPS) + 1
     times_s = np.arange(length) / FPS
     vectors = {"action": trial.commanded_rad, "observation.state": trial.measured_rad}
     if trial.posed.all():
         pose = np.column_stack([trial.base_position_world, trial.base_quaternion_world])
         vectors["observation.pose"] = pose
-    if trial.foot_contacts is not None:
-        vectors["observation.contacts"] = trial.foot_contacts.astype(float)
+    vectors |= {
+        column.feature: trial.sensors[column.name].values
+        for column in RECORDED
+        if column.feature is not None
+        and column.name in trial.sensors
+        and len(trial.sensors[column.name].rows) == len(trial)
+    }
     if len(trial) != length or not np.allclose(trial.time_s, times_s, atol=1e-6):
         vectors = {name: _resampled(trial, values, times_s) for name, values in vectors.items()}
-        if "observation.contacts" in vectors:
-            vectors["observation.contacts"] = np.round(vectors["observation.contacts"])
+        for column in RECORDED:
+            if column.kind is bool and column.feature in vectors:
+                vectors[column.feature] = np.round(vectors[column.feature])
     return {
         **{name: values.astype(np.float32) for name, values in vectors.items()},
         "timestamp": times_s.astype(np.float32),

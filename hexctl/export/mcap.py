@@ -10,17 +10,19 @@ from typing import Any, Final
 
 import numpy as np
 
+from hexctl.columns import READINGS, RECORDED, Column
 from hexctl.recording.recorded_trial import RecordedTrial, Samples
 from hexctl.robot.body_twist import BodyTwist
 from hexctl.robot.formats.link_frames import BASE_LINK, fixed_transforms, link_transforms
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.rotations import xyzw
 from hexctl.scratch import scratch_folder
-from hexctl.types import JOINT_NAMES, N_LEGS, FloatArray
+from hexctl.types import JOINT_NAMES, FloatArray
 from hexctl.wire import ros_cdr
 from hexctl.wire.pose import WORLD_FRAME, odometry
 from hexctl.wire.ros import telemetry
 from hexctl.wire.ros.odometry_error import own_pose_covariance, twist_covariance
+from hexctl.wire.ros.sensor_messages import encode_sensor, message_type
 from hexctl.wire.ros.telemetry import DiagnosticStatus, Level
 from hexctl.wire.zenoh_messages import encode_battery, encode_positions
 
@@ -35,11 +37,9 @@ TOPICS: dict[str, tuple[str, bool]] = {
     "/tf": (telemetry.TRANSFORMS, False),
     "/joint_states": (ros_cdr.JOINT_STATE, False),
     "/recorded/joint_commands": (ros_cdr.JOINT_STATE, False),
-    "/recorded/velocity_command": ("geometry_msgs/msg/TwistStamped", False),
-    "/joint_torques": (ros_cdr.JOINT_STATE, False),
     "/odom": (ros_cdr.ODOMETRY, False),
     "/imu/data": (ros_cdr.IMU, False),
-    "/foot_contacts": ("std_msgs/msg/UInt8MultiArray", False),
+    **{column.topic: (message_type(column), False) for column in RECORDED if column.topic is not None},
     "/battery_state": (ros_cdr.BATTERY_STATE, False),
     "/diagnostics": (telemetry.DIAGNOSTICS, False),
     "/rosout": ("rcl_interfaces/msg/Log", False),
@@ -47,14 +47,6 @@ TOPICS: dict[str, tuple[str, bool]] = {
 
 #: Levels of rcl_interfaces/Log.
 LOG_LEVELS = {"INFO": 20, "WARN": 30, "ERROR": 40}
-
-#: Names of servo readings in diagnostics.
-READING_NAMES = {
-    "temperatures_c": "temperature (C)",
-    "voltages_v": "voltage (V)",
-    "currents_a": "current (A)",
-    "ages_s": "age of the angle (s)",
-}
 
 #: Time in nanoseconds since 1970, topic and encoded message.
 Stamped = tuple[int, str, bytes]
@@ -99,9 +91,7 @@ def _messages(trial: RecordedTrial) -> Iterator[Stamped]:
         _joints(trial, "/recorded/joint_commands", trial.commanded_rad),
         _odometry(trial),
         _imu(trial),
-        _commands(trial),
-        _torques(trial),
-        _contacts(trial),
+        *(_sensor(trial, column, column.topic) for column in RECORDED if column.topic is not None),
         _battery(trial),
         _diagnostics(trial),
         _log(trial),
@@ -168,20 +158,6 @@ def _joints(trial: RecordedTrial, topic: str, angles_rad: FloatArray) -> Iterato
         yield stamp_ns, topic, encode_positions(angles, stamp_ns)
 
 
-def _torques(trial: RecordedTrial) -> Iterator[Stamped]:
-    none = np.empty(0)
-    for stamp_ns, torques_nm in _stamped(trial, trial.torques_nm):
-        message = ros_cdr.make(
-            ros_cdr.JOINT_STATE,
-            header=ros_cdr.header(stamp_ns),
-            name=list(JOINT_NAMES),
-            position=none,
-            velocity=none,
-            effort=torques_nm,
-        )
-        yield stamp_ns, "/joint_torques", ros_cdr.encode(message)
-
-
 def _odometry(trial: RecordedTrial) -> Iterator[Stamped]:
     """Pose in `odom` as recorded, with the covariance of a robot's own pose; the twist is its derivative."""
     twists, covariance, poses = BodyTwist(), own_pose_covariance(), _poses(trial)
@@ -203,29 +179,13 @@ def _imu(trial: RecordedTrial) -> Iterator[Stamped]:
         yield stamp_ns, "/imu/data", telemetry.imu().encode(stamp_ns, xyzw(trial.base_quaternion_world[row]))
 
 
-def _commands(trial: RecordedTrial) -> Iterator[Stamped]:
-    for stamp_ns, (forward, left, turn) in _stamped(trial, trial.velocity_body):
-        twist = ros_cdr.make(
-            "geometry_msgs/msg/Twist",
-            linear=ros_cdr.vector(np.array([forward, left, 0.0])),
-            angular=ros_cdr.vector(np.array([0.0, 0.0, turn])),
-        )
-        header = ros_cdr.header(stamp_ns, BASE_LINK)
-        message = ros_cdr.make("geometry_msgs/msg/TwistStamped", header=header, twist=twist)
-        yield stamp_ns, "/recorded/velocity_command", ros_cdr.encode(message)
-
-
-def _contacts(trial: RecordedTrial) -> Iterator[Stamped]:
-    """Feet that touch the floor, leg 1 to 6, when they change."""
-    if trial.foot_contacts is None:
-        return
-    dimension = ros_cdr.make("std_msgs/msg/MultiArrayDimension", label="leg", size=N_LEGS, stride=N_LEGS)
-    layout = ros_cdr.make("std_msgs/msg/MultiArrayLayout", dim=[dimension], data_offset=0)
-    changed = (trial.foot_contacts[1:] != trial.foot_contacts[:-1]).any(axis=-1)
-    for row in (0, *(np.flatnonzero(changed) + 1).tolist()):
-        feet = trial.foot_contacts[row].astype(np.uint8)
-        message = ros_cdr.make("std_msgs/msg/UInt8MultiArray", layout=layout, data=feet)
-        yield int(trial.stamps_ns[row]), "/foot_contacts", ros_cdr.encode(message)
+def _sensor(trial: RecordedTrial, column: Column, topic: str) -> Iterator[Stamped]:
+    """Recorded values of a column; truths only when they change."""
+    before: list[float] | None = None
+    for stamp_ns, values in _stamped(trial, trial.sensors.get(column.name)):
+        if column.kind is not bool or values.tolist() != before:
+            before = values.tolist()
+            yield stamp_ns, topic, encode_sensor(column, stamp_ns, values)
 
 
 def _battery(trial: RecordedTrial) -> Iterator[Stamped]:
@@ -238,8 +198,9 @@ def _battery(trial: RecordedTrial) -> Iterator[Stamped]:
 def _diagnostics(trial: RecordedTrial) -> Iterator[Stamped]:
     rows = sorted({row for samples in trial.servos.values() for row in samples.rows.tolist()})
     spread = {
-        READING_NAMES[name]: dict(zip(samples.rows.tolist(), samples.values, strict=True))
-        for name, samples in trial.servos.items()
+        reading.title: dict(zip(samples.rows.tolist(), samples.values, strict=True))
+        for reading in READINGS
+        if (samples := trial.servos.get(reading.name)) is not None
     }
     for row in rows:
         stamp_ns = int(trial.stamps_ns[row])

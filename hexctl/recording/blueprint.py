@@ -12,12 +12,10 @@ from hexctl.recording.rrd import load_rerun
 from hexctl.recording.series import (
     DEVIATION,
     MARGIN,
+    SENSORS,
+    SERVOS,
     SUSPICION,
-    TEMPERATURES,
-    TORQUES,
     VECTORS,
-    VELOCITY,
-    VOLTAGES,
     Series,
 )
 from hexctl.robot.model import Robot
@@ -48,7 +46,7 @@ def make_blueprint(
     # All legs have a lane in a window of 760 points.
     scene = rrb.Vertical(scene_view(robot, heading_rad, floor), _lanes_view(), row_shares=[5, 6])
     evidence = [plot_of(SUSPICION)] if watched else []
-    reports = [plot_of(one, plot_legend=hidden) for one in (TEMPERATURES, VOLTAGES) if servos]
+    numbers = (*SENSORS, *(SERVOS if servos else ()))
     side = rrb.Vertical(
         rrb.Tabs(summary, events, active_tab=1 if live else 0),
         plot_of(DEVIATION, plot_legend=hidden),
@@ -56,9 +54,7 @@ def make_blueprint(
         rrb.Tabs(
             *evidence,
             *map(_leg_view, paths.LEGS),
-            plot_of(TORQUES, plot_legend=hidden),
-            plot_of(VELOCITY),
-            *reports,
+            *(plot_of(one, plot_legend=hidden) for one in numbers),
         ),
         row_shares=[10, 4, 4, 6],
     )

@@ -10,7 +10,8 @@ from typing import Any, Self
 
 from hexctl.backends.clock import PERIOD_S, WallClock
 from hexctl.backends.sim.terrain import Floor
-from hexctl.control.log import COLUMN_NAMES, TickLog
+from hexctl.columns import COLUMN_NAMES
+from hexctl.control.log import TickLog
 from hexctl.control.trace import TrialFrame
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import RecordingError, RobotFaultError
@@ -152,7 +153,7 @@ def rows_of(log: TickLog, start: int, stop: int) -> dict[str, Any]:
         "start": start,
         "rows": {name: log.rows(name, start, stop) for name in COLUMN_NAMES},
         "frame": log.frame,
-        "contacts_known": log.contacts_known,
+        "missing": set(log.missing),
         "servo_rows": log.servo_rows.between(start, stop),
         "notes": [note for note in log.notes if start <= note[0] < stop],
         "leg_changes": [change for change in log.leg_changes if start <= change.row < stop],

@@ -16,7 +16,7 @@ from hexctl.recording.blueprint import make_blueprint
 from hexctl.recording.recording import APPLICATION_ID
 from hexctl.recording.rrd import Layout, free_streams, load_rerun
 from hexctl.recording.scene import LEVEL, Subject, send_scene
-from hexctl.recording.tracks.columns import Block
+from hexctl.recording.tracks.block import Block
 from hexctl.recording.tracks.parts import send_parts
 from hexctl.recording.viewer import LOCAL
 from hexctl.robot.loader import load_meshes
@@ -63,7 +63,7 @@ class Feed:
 
 def append(log: TickLog, block: dict[str, Any]) -> None:
     """Append the rows of a block and their events, as made by `rows_of` of a log that may be longer."""
-    log.frame, log.contacts_known = block["frame"], block["contacts_known"]
+    log.frame, log.missing = block["frame"], block["missing"]
     shift = len(log) - block["start"]
     for row, servos in block["servo_rows"]:
         log.servo_rows.append(row + shift, servos)

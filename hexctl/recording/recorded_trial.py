@@ -2,7 +2,7 @@
 
 import json
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
 from pathlib import Path
@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.trace import PHASES
 from hexctl.errors import HexctlError, InputError
-from hexctl.recording import paths, style
+from hexctl.recording import paths
 from hexctl.recording.rrd import check_name
 from hexctl.recording.rrd_reader import entity_of, read_chunks
-from hexctl.recording.series import ACTION, SERVOS, SUSPICION, TORQUES, VECTORS, VELOCITY, Series
+from hexctl.recording.series import ACTION, SENSORS, SERVOS, SUSPICION, VECTORS, Series
 from hexctl.robot.formats.json_model import robot_from_json
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wxyz
@@ -70,11 +70,11 @@ class RecordedTrial(ArrayFields):
         measured_rad: joint angles, (T, 18).
         base_position_world: (T, 3) in m, NaN if unknown.
         base_quaternion_world: (T, 4) as w, x, y, z, NaN if unknown.
-        foot_contacts: (T, 6), or None if not measured.
-        torques_nm: 18 wide, at 10 Hz.
-        velocity_body: commanded, forward and left in m/s, turn in rad/s, at 10 Hz.
         leg_conditions: index in `LEG_CONDITIONS`, (T, 6); failed as announced to the walk or simulated.
         leg_suspicion: evidence against each leg, 1 is an alarm, 6 wide, at 10 Hz.
+        sensors: known columns of the log, by name: `foot_contacts` (0 or 1), `joint_velocities_rad_s` and
+            `angular_velocity_body_rad_s` at every tick, `joint_torques_nm` and the commanded `velocity_body`
+            at 10 Hz.
         servos: 18 wide, at 1 Hz, by attribute of `ServoReadings`.
         events: in order of time.
         floor_quaternion: (4,) as w, x, y, z.
@@ -93,11 +93,9 @@ class RecordedTrial(ArrayFields):
     measured_rad: FloatArray
     base_position_world: FloatArray
     base_quaternion_world: FloatArray
-    foot_contacts: BoolArray | None
-    torques_nm: Samples
-    velocity_body: Samples
     leg_conditions: Rows
     leg_suspicion: Samples
+    sensors: dict[str, Samples] = field(default_factory=dict)
     servos: dict[str, Samples] = field(default_factory=dict)
     events: tuple[RecordedEvent, ...] = ()
     floor_quaternion: FloatArray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
@@ -145,7 +143,6 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
     times_ns, joints_rad = _joints(columns, path)
     title = columns.static("__properties", "RecordingInfo:name") or [""]
     position_m, quaternion = _pose(columns)
-    servos = {str(series.source): columns.samples(series) for series in SERVOS}
     return RecordedTrial(
         path=path,
         robot=robot or _robot(columns, path),
@@ -158,12 +155,10 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
         measured_rad=joints_rad[:, 1],
         base_position_world=position_m,
         base_quaternion_world=quaternion,
-        foot_contacts=_contacts(columns),
-        torques_nm=columns.samples(TORQUES),
-        velocity_body=columns.samples(VELOCITY),
         leg_conditions=_leg_conditions(columns),
         leg_suspicion=_without_alarm(columns.samples(SUSPICION)),
-        servos={name: samples for name, samples in servos.items() if samples.rows.size},
+        sensors=columns.known(SENSORS),
+        servos=columns.known(SERVOS),
         events=tuple(_events(columns)),
         floor_quaternion=_floor_quaternion(columns),
         on_stand=bool(columns.properties("robot").get("on_stand")),
@@ -203,6 +198,11 @@ class _Columns:
         times_ns, values = self.numbers(series.path, "Scalars:scalars", len(series.names))
         there = self.kept(times_ns)
         return Samples(self.rows(times_ns[there]), values[there])
+
+    def known(self, several: Sequence[Series]) -> dict[str, Samples]:
+        """Series with samples, by source."""
+        found = {series.source: self.samples(series) for series in several}
+        return {name: samples for name, samples in found.items() if samples.rows.size}
 
     def kept(self, times_ns: Rows) -> BoolArray:
         """Which times are those of ticks, and not of ticks that damage has taken."""
@@ -310,16 +310,6 @@ def _course(columns: _Columns) -> FloatArray | None:
     """Both ends of the line of travel, (2, 3); None for a trial that had none or did not begin to walk."""
     _, lines = columns.numbers(paths.COURSE, "LineStrips3D:strips", 6)
     return lines[-1].reshape(2, 3) if len(lines) else None
-
-
-def _contacts(columns: _Columns) -> BoolArray | None:
-    touching = style.packed(style.TOUCHING_COLOR)
-    contacts, felt = np.zeros((len(columns.ticks_ns), N_LEGS), dtype=bool), False
-    for leg in paths.LEGS:
-        times_ns, colors = columns.numbers(paths.foot_path(leg), "Points3D:colors", 1)
-        felt |= bool((colors != style.packed(style.UNFELT_COLOR)).any())
-        contacts[:, leg - 1] = columns.last(times_ns, (colors[:, 0] == touching).astype(np.int64))
-    return contacts if felt else None
 
 
 def _leg_conditions(columns: _Columns) -> Rows:

@@ -26,7 +26,7 @@ from hexctl.recording.rrd import (
 from hexctl.recording.rrd_reader import check_end
 from hexctl.recording.scene import LEVEL, Subject, send_scene
 from hexctl.recording.tracks.balance import Tally
-from hexctl.recording.tracks.columns import Block
+from hexctl.recording.tracks.block import Block
 from hexctl.recording.tracks.events import send_outcome
 from hexctl.recording.tracks.parts import send_parts
 from hexctl.recording.trial_summary import make_markdown, make_properties

@@ -1,4 +1,4 @@
-"""Reads files of Rerun (.rrd) with Arrow: Rerun's own reader kills the process at some damage.
+"""Reads files of Rerun (.rrd) with Arrow: Rerun's own reader loses all that follows a hole.
 
 Messages of chunks are protobuf with an LZ4-compressed Arrow stream, in the version `RERUN`.
 """
@@ -34,8 +34,8 @@ CHUNK_BEGIN, SEARCHED_BYTES, MOST_BYTES = re.compile(rb"\x02\0{7}.{8}\x0a", re.D
 #: Fields of such a message: store, compression (2 is LZ4), size of the Arrow stream, stream; and the most.
 STORE, COMPRESSION, LZ4, SIZE, STREAM, MOST_FIELDS = 1, 2, 2, 3, 5, 32
 
-#: Field of a store with its kind, and the kinds.
-STORE_KIND, RECORDING, LAYOUT = 1, 1, 2
+#: Field of a store with its kind, and the kinds: a recording or its layout.
+STORE_KIND, STORES = 1, (1, 2)
 
 #: LZ4 compresses no better than this: a greater ratio is damage.
 MOST_RATIO = 256
@@ -112,12 +112,11 @@ def entity_of(batch: Any) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Message:
-    """Intact message of a file, from its head to its end; store and batch are those of a chunk."""
+    """Intact message of a file, from its head to its end; the batch is that of a chunk."""
 
     begin: int
     end: int
     kind: int
-    store: int = 0
     batch: Any = None
 
 
@@ -167,11 +166,7 @@ def _message(file: BinaryIO, begin: int, size: int) -> _Message | None:
     if kind != CHUNK:
         return _Message(begin, end, kind)
     content = file.read(length)
-    try:
-        fields = dict(islice(_fields(content), MOST_FIELDS))
-        return _Message(begin, end, kind, _store(fields), _batch(fields))
-    except OSError as error:  # of LZ4
-        raise ValueError(str(error)) from error
+    return _Message(begin, end, kind, _batch(dict(islice(_fields(content), MOST_FIELDS))))
 
 
 def _next_chunk(file: BinaryIO, at: int, size: int) -> int:
@@ -204,13 +199,6 @@ def _warn(path: Path, left_out_bytes: int, size: int) -> None:
     _LOG.warning("%s is cut off or damaged: %d of its %d bytes are left out", path, left_out_bytes, size)
 
 
-def _store(fields: dict[int, Any]) -> int:
-    store: int = dict(islice(_fields(_bytes(fields, STORE)), MOST_FIELDS))[STORE_KIND]
-    if store not in (RECORDING, LAYOUT):
-        raise ValueError(f"a chunk of store {store!r}")
-    return store
-
-
 def _bytes(fields: dict[int, Any], number: int) -> bytes:
     value = fields[number]
     if not isinstance(value, bytes):
@@ -221,11 +209,14 @@ def _bytes(fields: dict[int, Any], number: int) -> bytes:
 def _batch(fields: dict[int, Any]) -> Any:
     import pyarrow
 
+    store = dict(islice(_fields(_bytes(fields, STORE)), MOST_FIELDS))[STORE_KIND]
+    if store not in STORES:
+        raise ValueError(f"a chunk of store {store!r}")
     stream, size = _bytes(fields, STREAM), int(fields.get(SIZE, 0))
     if fields.get(COMPRESSION) == LZ4:
         if not 0 < size <= MOST_RATIO * len(stream):
             raise ValueError(f"a chunk of {size} bytes")
-        stream = pyarrow.decompress(stream, size, codec="lz4_raw")
+        stream = _decompressed(stream, size)
     batches = list(pyarrow.ipc.open_stream(stream))
     if len(batches) != 1:
         raise ValueError(f"a chunk of {len(batches)} batches")
@@ -234,6 +225,19 @@ def _batch(fields: dict[int, Any]) -> Any:
     if not all(batch.schema.names) or "\0" in batch.schema.to_string() or not entity_of(batch):
         raise ValueError("a column without a name")
     return batch
+
+
+def _decompressed(stream: bytes, size: int) -> bytes:
+    """An LZ4 block of a size; Arrow's decoder takes most damage for content of another size."""
+    from lz4 import block
+
+    try:
+        content: bytes = block.decompress(stream, uncompressed_size=size)
+    except block.LZ4BlockError as error:
+        raise ValueError(str(error)) from error
+    if len(content) != size:
+        raise ValueError(f"a chunk of {len(content)} bytes in place of {size}")
+    return content
 
 
 def _fields(message: bytes) -> Iterator[tuple[int, Any]]:

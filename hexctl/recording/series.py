@@ -4,15 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hexctl.columns import COARSE_BITS, KEPT_BITS, READINGS, RECORDED, Column
 from hexctl.palette import ALARM_COLOR, JOINT_COLORS, LEG_COLORS, MARGIN_COLOR
 from hexctl.recording import paths, style
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS, FloatArray
-
-#: Binary places of stored numbers: an error of 8 micrometres or microradians at most.
-KEPT_BITS = 16
-
-#: Binary places of measured quantities: an error of 2 mN m at most.
-COARSE_BITS = 8
 
 #: Binary places of joint angles: steps of 0.014 degrees, a sixth of what servos resolve.
 ANGLE_BITS = 12
@@ -27,7 +22,7 @@ class Series(NamedTuple):
     """Numbers of one entity, with a line each in a plot; `bits` are stored binary places.
 
     Attributes:
-        source: column of the log, or attribute of `ServoReadings`; None if a track calculates the numbers.
+        source: column of the log, or attribute of `ServoReadings`; empty if a track calculates the numbers.
     """
 
     path: str
@@ -36,14 +31,16 @@ class Series(NamedTuple):
     colors: tuple[style.Color, ...]
     bits: int = KEPT_BITS
     widths: tuple[float, ...] | None = None
-    source: str | None = None
+    source: str = ""
 
 
 _JOINT_COLORS = tuple(JOINT_COLORS[kind][1] for kind in JOINT_KINDS) * N_LEGS
 
 
-def _of_joints(path: str, title: str, source: str) -> Series:
-    return Series(path, title, tuple(JOINT_NAMES), _JOINT_COLORS, COARSE_BITS, source=source)
+def _series(column: Column) -> Series:
+    colors = _JOINT_COLORS if len(column.parts) != N_LEGS else LEG_COLORS
+    entity, count = column.entity or column.name, len(column.parts)
+    return Series(entity, column.title, column.parts, colors[:count], column.bits, source=column.name)
 
 
 DEVIATION = Series(
@@ -60,14 +57,6 @@ MARGIN = Series(
     (MARGIN_COLOR,),
     widths=(2.0,),
 )
-TORQUES = _of_joints("joint_torques", "torques (N m)", "joint_torques_nm")
-VELOCITY = Series(
-    "commanded_velocity",
-    "commanded velocity",
-    ("forward (m/s)", "left (m/s)", "turn (rad/s)"),
-    _JOINT_COLORS[:3],
-    source="velocity_body",
-)
 SUSPICION = Series(
     "leg_suspicion",
     "evidence, alarm at 1",
@@ -76,8 +65,6 @@ SUSPICION = Series(
     COARSE_BITS,
     widths=(1.5,) * (N_LEGS + 1),
 )
-TEMPERATURES = _of_joints("servos/temperatures", "servos (°C)", "temperatures_c")
-VOLTAGES = _of_joints("servos/voltages", "servos (V)", "voltages_v")
 
 
 def _angles(path: str, source: str, which: int, width: float) -> Series:
@@ -93,16 +80,9 @@ ACTION = _angles("action", "commanded_rad", 0, 3.0)
 OBSERVATION = _angles("observation/state", "measured_rad", 1, 1.2)
 VECTORS = (ACTION, OBSERVATION)
 
-#: Series at 10 Hz of the log, if all of it is known.
-SAMPLED = (TORQUES, VELOCITY)
-
-#: Reports of single servos, at 1 Hz.
-SERVOS = (
-    TEMPERATURES,
-    VOLTAGES,
-    _of_joints("servos/currents", "servos (A)", "currents_a"),
-    _of_joints("servos/ages", "ages of the joint angles (s)", "ages_s"),
-)
+#: Columns of the log that are stored as they are, and reports of single servos, at 1 Hz.
+SENSORS = tuple(map(_series, RECORDED))
+SERVOS = tuple(_series(column) for column in READINGS if column.entity is not None)
 
 #: Series of each walk, if known.
-WALK = (DEVIATION, MARGIN, SUSPICION, *SAMPLED, *VECTORS)
+WALK = (DEVIATION, MARGIN, SUSPICION, *SENSORS, *VECTORS)

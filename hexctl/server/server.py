@@ -322,7 +322,11 @@ class RobotServer:
                 covariance=self._servos.pose_covariance,
             )
             self._transport.publish("odom", pose, tag)
-        joints = encode_positions(state.joint_positions_rad, torques_nm=state.joint_torques_nm)
+        joints = encode_positions(
+            state.joint_positions_rad,
+            torques_nm=state.joint_torques_nm,
+            velocities_rad_s=state.joint_velocities_rad_s,
+        )
         self._transport.publish("joint_states", joints, tag)
 
     def _publish_served_poses(self) -> None:

@@ -12,6 +12,7 @@ import pytest
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import PERIOD_S
+from hexctl.columns import SENSED
 from hexctl.control.guard import Guard
 from hexctl.errors import CommandRefusedError, RobotFaultError
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState
@@ -268,8 +269,7 @@ def hold(servos: LegServos) -> None:
 
 def arrays_of(state: RobotState) -> list[FloatArray | None]:
     """The arrays of a state."""
-    pose = (state.base_position_world, state.base_quaternion_world)
-    return [state.joint_positions_rad, *pose, state.joint_torques_nm]
+    return [getattr(state, column.source) for column in SENSED]
 
 
 def check_state(state: RobotState, servos: LegServos) -> None:
@@ -280,13 +280,9 @@ def check_state(state: RobotState, servos: LegServos) -> None:
     assert state.healthy
     assert state.age_s >= 0
     assert 0 <= state.stamp_s <= servos.clock.now_s + 1e-9
-    if state.base_position_world is not None:
-        assert state.base_position_world.shape == (3,)
+    for column in SENSED:
+        if (values := getattr(state, column.source)) is not None:
+            assert values.shape == column.shape, column.name
+            assert values.dtype == column.kind, column.name
     if state.base_quaternion_world is not None:
-        assert state.base_quaternion_world.shape == (4,)
         assert np.linalg.norm(state.base_quaternion_world) == pytest.approx(1, abs=1e-6)
-    if state.foot_contacts is not None:
-        assert state.foot_contacts.shape == (N_LEGS,)
-        assert state.foot_contacts.dtype == np.bool_
-    if state.joint_torques_nm is not None:
-        assert state.joint_torques_nm.shape == (N_JOINTS,)

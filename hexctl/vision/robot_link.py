@@ -21,7 +21,7 @@ from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.pose import decode_orientation, encode_pose
 from hexctl.wire.ros_cdr import stamp_s
 from hexctl.wire.transit_delay import StampCheck, TransitDelay
-from hexctl.wire.zenoh_messages import StateTag, decode_joints
+from hexctl.wire.zenoh_messages import StateTag, decode_positions
 
 #: Length of the queue: ten seconds of states; older ones are dropped.
 MOST_STATES = 500
@@ -100,7 +100,7 @@ class RobotLink:
         self._yaw = None if quaternion is None else (now_s, float(yaw_rad(quaternion)))
 
     def _take_state(self, sample: Any, now_s: float) -> None:
-        joint_positions_rad, _ = decode_joints(bytes(sample.payload))
+        joint_positions_rad = decode_positions(bytes(sample.payload))
         contacts, at_s = None, now_s
         if not self._plain:
             tag = StateTag.unpacked(b"" if sample.attachment is None else bytes(sample.attachment))

@@ -185,20 +185,19 @@ _NONE = np.zeros(0)
 
 
 @cache
-def _joint_message(*, efforts: bool) -> FixedMessage:
-    """Not the general encoder: out of cache at each tick, it takes a fifth of a round trip."""
+def _joint_message(*more: str) -> FixedMessage:
+    """Encoder of positions and more fields of a JointState.
+
+    Not the general encoder: out of cache at each tick, it takes a fifth of a round trip.
+    """
 
     def make(stamp_ns: int, numbers: FloatArray) -> Any:
-        return ros_cdr.make(
-            ros_cdr.JOINT_STATE,
-            header=ros_cdr.header(stamp_ns),
-            name=_NAMES,
-            position=numbers[:N_JOINTS],
-            velocity=_NONE,
-            effort=numbers[N_JOINTS:],
-        )
+        known = dict(zip(("position", *more), numbers.reshape(-1, N_JOINTS), strict=True))
+        header = ros_cdr.header(stamp_ns)
+        fields = {"velocity": _NONE, "effort": _NONE, **known}
+        return ros_cdr.make(ros_cdr.JOINT_STATE, header=header, name=_NAMES, **fields)
 
-    return FixedMessage(make, 2 * N_JOINTS if efforts else N_JOINTS)
+    return FixedMessage(make, N_JOINTS * (1 + len(more)))
 
 
 @cache
@@ -210,18 +209,22 @@ def prepare_codec() -> None:
 
 
 def encode_positions(
-    joint_positions_rad: FloatArray, stamp_ns: int | None = None, torques_nm: FloatArray | None = None
+    joint_positions_rad: FloatArray,
+    stamp_ns: int | None = None,
+    torques_nm: FloatArray | None = None,
+    velocities_rad_s: FloatArray | None = None,
 ) -> bytes:
     """Joint angles (18,), leg-major order, as sensor_msgs/JointState.
 
     Args:
         stamp_ns: nanoseconds since 1970; now unless given.
         torques_nm: efforts, (18,); None leaves them empty, as in a command.
+        velocities_rad_s: (18,) or None.
     """
     stamp_ns = time.time_ns() if stamp_ns is None else stamp_ns
-    if torques_nm is None:
-        return _joint_message(efforts=False).encode(stamp_ns, joint_positions_rad)
-    return _joint_message(efforts=True).encode(stamp_ns, np.concatenate([joint_positions_rad, torques_nm]))
+    given = {"velocity": velocities_rad_s, "effort": torques_nm}
+    known = {name: values for name, values in given.items() if values is not None}
+    return _joint_message(*known).encode(stamp_ns, np.concatenate([joint_positions_rad, *known.values()]))
 
 
 def decode_positions(payload: bytes) -> FloatArray:
@@ -232,21 +235,25 @@ def decode_positions(payload: bytes) -> FloatArray:
     return decode_joints(payload)[0]
 
 
-def decode_joints(payload: bytes) -> tuple[FloatArray, FloatArray | None]:
-    """Joint angles like `decode_positions`, and torques, (18,) in N m; None unless all are finite.
+#: Fields beside positions in messages of hexctl; others take longer to decode.
+_USUAL = ((), ("effort",), ("velocity", "effort"))
 
-    Raises MessageError as `decode_positions` does.
+
+def decode_joints(payload: bytes) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
+    """Joint angles like `decode_positions`, torques in N m, and velocities in rad/s, (18,) each.
+
+    Torques and velocities are None unless all are finite. Raises MessageError as `decode_positions` does.
     """
-    torques: FloatArray | None = None
-    if (numbers := _joint_message(efforts=False).decode(payload)) is not None:
-        positions = numbers
-    elif (numbers := _joint_message(efforts=True).decode(payload)) is not None:
-        positions, torques = numbers[:N_JOINTS], numbers[N_JOINTS:]
+    for more in _USUAL:
+        if (numbers := _joint_message(*more).decode(payload)) is not None:
+            found = dict(zip(("position", *more), numbers.reshape(-1, N_JOINTS), strict=True))
+            break
     else:
-        positions, torques = _decode_any(payload)
-    if not np.isfinite(positions).all():
+        found = _decode_any(payload)
+    if not np.isfinite(found["position"]).all():
         raise MessageError("joints: got a non-finite angle; allowed: finite angles in rad")
-    return positions, torques if torques is not None and np.isfinite(torques).all() else None
+    known = {name: values for name, values in found.items() if np.isfinite(values).all()}
+    return found["position"], known.get("effort"), known.get("velocity")
 
 
 def decode_command(payload: bytes, attachment: bytes | None) -> tuple[FloatArray, CommandTag]:
@@ -256,19 +263,23 @@ def decode_command(payload: bytes, attachment: bytes | None) -> tuple[FloatArray
     return decode_positions(payload), CommandTag.unpacked(attachment)
 
 
-def _decode_any(payload: bytes) -> tuple[FloatArray, FloatArray | None]:
+def _decode_any(payload: bytes) -> dict[str, FloatArray]:
+    """Fields of a JointState that have a number for each joint, in leg-major order."""
     message = ros_cdr.decode(ros_cdr.JOINT_STATE, payload)
     positions = np.asarray(message.position, dtype=float)
     if positions.shape != (N_JOINTS,) or len(message.name) != N_JOINTS:
         raise MessageError(
             f"joints: got {len(message.name)} names and {positions.size} positions; allowed: {N_JOINTS} each"
         )
-    efforts = np.asarray(message.effort, dtype=float)
-    torques = efforts if efforts.shape == (N_JOINTS,) else None
+    found = {"position": positions}
+    for name in ("velocity", "effort"):
+        values = np.asarray(getattr(message, name), dtype=float)
+        if values.shape == (N_JOINTS,):
+            found[name] = values
     if message.name == _NAMES:
-        return positions, torques
+        return found
     order = _order(message.name)
-    return positions[order], None if torques is None else torques[order]
+    return {name: values[order] for name, values in found.items()}
 
 
 def _order(names: list[str]) -> list[int]:

@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 
 from hexctl import InputError, JointTargets, MissingExtraError, Recorders, RobotState
 from hexctl.backends.clock import Tick
+from hexctl.columns import READINGS, Column
 from hexctl.control.log import TickLog
-from hexctl.control.table import CHUNK_ROWS, KEPT_CHUNKS, NUMBERS, Column, ServoRows, Table
+from hexctl.control.table import CHUNK_ROWS, KEPT_CHUNKS, ServoRows, Table
 from hexctl.control.trace import PHASES, TrialFrame
 from hexctl.types import JOINT_NAMES, N_JOINTS, ServoReadings
 from tests.trials import Calling
@@ -66,7 +67,7 @@ def test_what_is_missing_is_told_and_has_no_numbers() -> None:
     for touching in (np.ones(6, dtype=bool), None, np.ones(6, dtype=bool)):
         state = RobotState(stance, 0.0, measured=True, foot_contacts=touching)
         log.record(Tick(1, 0.02), state, stance, JointTargets(stance, 0.02))
-        contacts.append(log.contacts_known)
+        contacts.append("foot_contacts" not in log.missing)
     assert contacts == [True, False, True]
     assert log["foot_contacts"].any(axis=-1).tolist() == [True, False, True]
     blind = TickLog()
@@ -249,7 +250,8 @@ def test_what_the_disk_does_not_take_stays_in_memory_with_one_warning(
 
 BROKEN_DISK = """
 import os
-from hexctl.control.table import Column, Table
+from hexctl.columns import Column
+from hexctl.control.table import Table
 
 store = Table([Column("time_s")], chunk_rows=1024)
 for row in range(100 * 1024 - 10):
@@ -274,7 +276,7 @@ def test_a_disk_that_loses_rows_raises_and_does_not_end_the_process() -> None:
 
 def reading(index: int) -> ServoReadings:
     values: dict[str, Any] = {
-        name: np.arange(N_JOINTS) + 100.0 * index + place for place, name in enumerate(NUMBERS)
+        column.name: np.arange(N_JOINTS) + 100.0 * index + place for place, column in enumerate(READINGS)
     }
     error = "overload" if 10 <= index < 20 else ""
     return ServoReadings(**values, errors=("", error) + ("",) * (N_JOINTS - 2))

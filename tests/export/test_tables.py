@@ -16,6 +16,7 @@ import yaml
 from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_typestore
 
+from hexctl.columns import RECORDED
 from hexctl.control.trace import PHASES
 from hexctl.errors import InputError
 from hexctl.export.export import trial_columns, write_csv, write_parquet
@@ -36,11 +37,11 @@ def test_columns_are_the_arrays_of_the_recording(walk: RecordedTrial) -> None:
     assert np.array_equal(columns["commanded_leg1_coxa_rad"], walk.commanded_rad[:, 0])
     assert np.array_equal(columns["base_y_m"], walk.base_position_world[:, 1])
     assert np.array_equal(columns["base_qz"], walk.base_quaternion_world[:, 3])
-    assert walk.foot_contacts is not None
-    assert np.array_equal(columns["contact_leg6"], walk.foot_contacts[:, 5])
+    assert np.array_equal(columns["contact_leg6"], walk.sensors["foot_contacts"].values[:, 5])
+    for column in RECORDED:
+        known = np.isfinite(columns[column.fields[-1]])
+        assert np.array_equal(np.flatnonzero(known), walk.sensors[column.name].rows), column.name
     assert set(columns["phase"]) <= set(PHASES)
-    known = np.isfinite(columns["torque_leg2_femur_nm"])
-    assert np.array_equal(np.flatnonzero(known), walk.torques_nm.rows)
     assert [text for text in columns["events"] if text][-1].startswith("trial over")
 
 
@@ -62,7 +63,7 @@ def test_parquet_has_nulls_types_and_the_outcome(walk: RecordedTrial, tmp_path: 
     table = pq.read_table(tmp_path / "a.parquet")
     assert table.num_rows == len(walk)
     assert np.array_equal(table["measured_leg1_femur_rad"].to_numpy(), walk.measured_rad[:, 1])
-    assert table["torque_leg1_coxa_nm"].null_count == len(walk) - len(walk.torques_nm.rows)
+    assert table["torque_leg1_coxa_nm"].null_count == len(walk) - len(walk.sensors["joint_torques_nm"].rows)
     assert str(table.schema.field("contact_leg1").type) == "bool"
     properties = json.loads(table.schema.metadata[b"hexctl"])
     assert properties["status"] == walk.properties["status"]
@@ -73,9 +74,15 @@ def dataset(tmp_path_factory: Any, walk: RecordedTrial) -> Path:
     """Two episodes of the same task, the second without its last second."""
     arrays = (
         *("stamps_ns", "time_s", "walk_s", "phases", "commanded_rad", "measured_rad", "leg_conditions"),
-        *("base_position_world", "base_quaternion_world", "foot_contacts"),
+        *("base_position_world", "base_quaternion_world"),
     )
-    shorter: RecordedTrial = replace(walk, **{name: getattr(walk, name)[:-FPS] for name in arrays})
+    ticks = len(walk) - FPS
+    sensors = {
+        name: Samples(one.rows[one.rows < ticks], one.values[one.rows < ticks])
+        for name, one in walk.sensors.items()
+    }
+    cut = {name: getattr(walk, name)[:ticks] for name in arrays}
+    shorter: RecordedTrial = replace(walk, **cut, sensors=sensors)
     folder: Path = tmp_path_factory.mktemp("lerobot") / "walks"
     told: list[tuple[int, int]] = []
     write_lerobot([walk, shorter], folder, lambda done, total: told.append((done, total)))
@@ -93,8 +100,9 @@ def test_frames_are_those_of_the_walks(dataset: Path, walk: RecordedTrial) -> No
     assert np.allclose(np.diff(first["timestamp"]), 1 / FPS, atol=1e-5)
     assert np.array_equal(frames["index"], np.arange(len(frames)))
     assert len(frames) == 2 * len(walk) - FPS
-    assert walk.foot_contacts is not None
-    assert np.array_equal(np.stack(first["observation.contacts"]), walk.foot_contacts)
+    for column in (one for one in RECORDED if one.feature is not None):
+        values = np.stack(first[column.feature])
+        assert np.array_equal(values, walk.sensors[column.name].values.astype(np.float32)), column.name
     parts = pq.ParquetFile(dataset / "data/chunk-000/file-000.parquet")
     assert parts.metadata.num_row_groups == 2
 
@@ -140,7 +148,7 @@ def test_late_ticks_are_made_even(walk: RecordedTrial, tmp_path: Path) -> None:
 def test_robots_are_not_mixed_and_what_one_lacks_none_has(walk: RecordedTrial, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="2 robots"):
         write_lerobot([walk, replace(walk, robot=shipped("ant"))], tmp_path / "mixed", lambda *_: None)
-    write_lerobot([walk, replace(walk, foot_contacts=None)], tmp_path / "some", lambda *_: None)
+    write_lerobot([walk, replace(walk, sensors={})], tmp_path / "some", lambda *_: None)
     names = pq.read_schema(tmp_path / "some/data/chunk-000/file-000.parquet").names
     assert "observation.contacts" not in names
     assert "observation.pose" in names
@@ -207,11 +215,18 @@ def test_angles_and_poses_are_the_recordings_bit_for_bit(found: Messages, walk: 
     odometry = found["/odom"][-1][1]
     assert min(odometry.pose.covariance[::7]) > 0
     assert min(odometry.twist.covariance[::7]) > 0
-    torques = np.array([list(message.effort) for _, message in found["/joint_torques"]])
-    assert np.array_equal(torques, walk.torques_nm.values)
+    for topic, field, name in (
+        ("/joint_torques", "effort", "joint_torques_nm"),
+        ("/joint_velocities", "velocity", "joint_velocities_rad_s"),
+    ):
+        numbers = np.array([list(getattr(message, field)) for _, message in found[topic]])
+        assert np.array_equal(numbers, walk.sensors[name].values)
+    turns = [message.vector for _, message in found["/angular_velocity"]]
+    rates = np.array([[one.x, one.y, one.z] for one in turns])
+    assert np.array_equal(rates, walk.sensors["angular_velocity_body_rad_s"].values)
     commands = [message.twist for _, message in found["/recorded/velocity_command"]]
     velocities = np.array([[one.linear.x, one.linear.y, one.angular.z] for one in commands])
-    assert np.array_equal(velocities, walk.velocity_body.values)
+    assert np.array_equal(velocities, walk.sensors["velocity_body"].values)
 
 
 def test_stamps_and_times_are_those_of_the_ticks(found: Messages, walk: RecordedTrial) -> None:
@@ -259,8 +274,8 @@ def test_late_listeners_get_the_model_and_what_is_fixed_and_no_robot_obeys(
 
 
 def test_contacts_and_events(found: Messages, walk: RecordedTrial) -> None:
-    assert walk.foot_contacts is not None
-    contacts = dict(zip(walk.stamps_ns.tolist(), walk.foot_contacts.tolist(), strict=True))
+    feet = walk.sensors["foot_contacts"].values
+    contacts = dict(zip(walk.stamps_ns.tolist(), feet.tolist(), strict=True))
     assert len(found["/foot_contacts"]) > 5
     for time_ns, message in found["/foot_contacts"]:
         assert [bool(foot) for foot in message.data] == contacts[time_ns]

@@ -10,8 +10,9 @@ import pytest
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.terrain import Floor
+from hexctl.columns import COLUMN_NAMES
 from hexctl.control.guard import Guard
-from hexctl.control.log import COLUMN_NAMES, TickLog
+from hexctl.control.log import TickLog
 from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult

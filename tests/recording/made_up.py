@@ -4,7 +4,7 @@ import io
 
 import pyarrow as pa
 
-from hexctl.recording.rrd_reader import CHUNK, MESSAGE_HEAD, RECORDING, STORE, STORE_KIND, STREAM
+from hexctl.recording.rrd_reader import CHUNK, MESSAGE_HEAD, STORE, STORE_KIND, STORES, STREAM
 
 #: How files of Rerun 0.41 begin.
 HEAD = b"RRF2\0\x29\0\0\1\2\0\0"
@@ -13,7 +13,7 @@ SCHEMA = pa.schema([("Scalars:scalars", pa.float64())], {"rerun:entity_path": "/
 
 def recording_of(stream: bytes | int) -> bytes:
     """A recording whose only chunk has an Arrow stream, or a number in its place."""
-    message = _field(STORE, _field(STORE_KIND, RECORDING)) + _field(STREAM, stream)
+    message = _field(STORE, _field(STORE_KIND, STORES[0])) + _field(STREAM, stream)
     return HEAD + MESSAGE_HEAD.pack(CHUNK, len(message)) + message
 
 

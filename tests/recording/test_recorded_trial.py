@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from hexctl.columns import RECORDED
 from hexctl.errors import InputError
 from hexctl.recording.recorded_trial import LEG_CONDITIONS, RecordedTrial, read_trial
 from hexctl.recording.recording import Recording
@@ -35,11 +36,13 @@ def test_it_is_what_was_walked(read: RecordedTrial, trial: Trial) -> None:
     assert read.measured_rad == pytest.approx(log["measured_rad"], abs=1.23e-4)
     assert read.base_position_world == pytest.approx(log["base_position_world"], abs=8e-6)
     assert read.base_quaternion_world == pytest.approx(log["base_quaternion_world"], abs=8e-6)
-    assert read.foot_contacts is not None
-    assert np.array_equal(read.foot_contacts, log["foot_contacts"])
-    sparse = read.torques_nm
-    assert sparse.values == pytest.approx(log["joint_torques_nm"][sparse.rows], abs=2e-3)
-    assert np.diff(sparse.rows).max() == 5
+    assert read.sensors.keys() == {column.name for column in RECORDED} - {"velocity_body"}
+    for column in RECORDED[:-1]:
+        sensor = read.sensors[column.name]
+        assert np.array_equal(sensor.rows, np.arange(len(log))[:: column.ticks]), column.name
+        assert sensor.values == pytest.approx(1.0 * log[column.name][sensor.rows], abs=2e-3), column.name
+        assert np.abs(sensor.values).max() > 0.1, column.name
+    sparse = read.sensors["joint_torques_nm"]
     assert np.isnan(sparse.at_every_tick(len(log))[1]).all()
     assert not read.servos
     assert read.robot == trial.robot
@@ -99,11 +102,11 @@ def test_a_place_and_contacts_that_are_not_known_are_none(trial: Trial, tmp_path
     read = read_trial(write(tmp_path / "later.rrd", trial.with_columns(base_position_world=position_m)))
     assert np.array_equal(read.posed, np.arange(len(read)) >= 70)
     never = trial.with_columns(base_position_world=np.full_like(position_m, np.nan))
-    never.log.contacts_known = False
+    never.log.missing = {"foot_contacts"}
     never.robot = replace(trial.robot, name="mine", foot_radius_m=0.009)
     unfelt = read_trial(write(tmp_path / "never.rrd", never))
     assert not unfelt.posed.any()
-    assert unfelt.foot_contacts is None
+    assert "foot_contacts" not in unfelt.sensors
     assert unfelt.robot == never.robot
 
 
@@ -162,7 +165,7 @@ def test_damage_is_read_around(trial: Trial, tmp_path: Path, monkeypatch: pytest
             assert np.array_equal(getattr(read, name), getattr(intact, name)[rows]), name
         known = read.posed
         assert np.array_equal(read.base_position_world[known], intact.base_position_world[rows][known])
-        samples, all_samples = read.torques_nm, intact.torques_nm
+        samples, all_samples = (one.sensors["joint_torques_nm"] for one in (read, intact))
         found = np.searchsorted(all_samples.rows, rows[samples.rows])
         assert np.array_equal(samples.values, all_samples.values[found])
 

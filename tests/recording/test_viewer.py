@@ -18,8 +18,9 @@ import numpy as np
 import pytest
 
 from hexctl.backends.sim.servos import SimServos
+from hexctl.columns import COLUMN_NAMES
 from hexctl.control.guard import Guard
-from hexctl.control.log import COLUMN_NAMES, Recorder, TickLog
+from hexctl.control.log import Recorder, TickLog
 from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult

@@ -179,14 +179,20 @@ def test_a_joint_state_of_other_joints_is_refused(names: Sequence[str], n_positi
         decode_positions(joint_state(names, np.zeros(n_positions)))
 
 
-def test_torques_are_the_efforts_of_a_ros_joint_state() -> None:
-    payload = encode_positions(POSITIONS, 0, TORQUES)
+VELOCITIES = np.linspace(2.0, -3.0, 18)
+
+
+def test_torques_and_velocities_are_those_of_a_ros_joint_state() -> None:
+    payload = encode_positions(POSITIONS, 0, TORQUES, VELOCITIES)
     message = ros_cdr.decode(ros_cdr.JOINT_STATE, payload)  # as peers read it that know of no torques
     np.testing.assert_array_equal(message.position, POSITIONS)
     np.testing.assert_array_equal(message.effort, TORQUES)
-    for got, sent in zip(decode_joints(payload), (POSITIONS, TORQUES), strict=True):
-        np.testing.assert_array_equal(got, sent)
-    assert decode_joints(encode_positions(POSITIONS))[1] is None
+    np.testing.assert_array_equal(message.velocity, VELOCITIES)
+    for more in ((TORQUES, VELOCITIES), (TORQUES, None), (None, VELOCITIES), (None, None)):
+        for got, sent in zip(
+            decode_joints(encode_positions(POSITIONS, 0, *more)), (POSITIONS, *more), strict=True
+        ):
+            np.testing.assert_array_equal(got, sent)
     for end in range(len(payload) - 150, len(payload) - 8):
         with pytest.raises(MessageError):
             decode_joints(payload[:end])
@@ -195,7 +201,7 @@ def test_torques_are_the_efforts_of_a_ros_joint_state() -> None:
 @pytest.mark.parametrize("efforts", [np.zeros(17), np.full(18, np.nan), np.append(TORQUES[:17], np.inf)])
 def test_efforts_that_are_no_torques_are_unknown(efforts: np.ndarray) -> None:
     payload = joint_state(JOINT_NAMES, POSITIONS, efforts)
-    positions, torques = decode_joints(payload)
+    positions, torques, _ = decode_joints(payload)
     np.testing.assert_array_equal(positions, POSITIONS)
     assert torques is None
 

@@ -4,7 +4,7 @@ import copy
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Self
 
 import numpy as np
@@ -15,6 +15,9 @@ from hexctl.backends.sim.simulation_model import FIRST_JOINT, TOUCH, Simulation
 from hexctl.backends.sim.world import World
 from hexctl.robot.rotations import components
 from hexctl.types import N_JOINTS, ArrayFields, BoolArray, FloatArray, RobotState
+
+#: Index of the base's angular velocity in MuJoCo's velocities, about the axes of the base.
+FIRST_TURN = 3
 
 #: A back-EMF below this is a rounding error.
 LEAST_BACK_EMF = 1e-12
@@ -188,15 +191,17 @@ class Snapshot(ArrayFields):
         qpos: base position, base quaternion and 18 joints, leading shape + (25,).
         touch: foot forces, leading shape + (6,).
         torques_nm: of the actuators, leading shape + (18,).
+        qvel: velocities of the base in the world and about its own axes, and joints, leading shape + (24,).
     """
 
     qpos: FloatArray
     touch: FloatArray
     torques_nm: FloatArray
+    qvel: FloatArray
 
     def copies(self, n: int) -> "Snapshot":
         """The same for n robots."""
-        return Snapshot(*(np.tile(one, (n, 1)) for one in (self.qpos, self.touch, self.torques_nm)))
+        return Snapshot(*(np.tile(getattr(self, field.name), (n, 1)) for field in fields(self)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -317,9 +322,11 @@ class Sensors:
             seen.touch > 0,
             self.age_s,
             joint_torques_nm=seen.torques_nm,
+            joint_velocities_rad_s=seen.qvel[..., FIRST_SPEED:],
+            angular_velocity_body_rad_s=seen.qvel[..., FIRST_TURN:FIRST_SPEED] if self.posed else None,
         )
 
     def _measured(self) -> Snapshot:
         memory = self.memory
         torques_nm = self.torques.applied(memory.forces_nm, memory.qvel, memory.qpos, memory.asked_rad)
-        return Snapshot(memory.qpos.copy(), memory.touch.copy(), torques_nm)
+        return Snapshot(memory.qpos.copy(), memory.touch.copy(), torques_nm, memory.qvel.copy())

@@ -12,6 +12,7 @@ from hexctl.backends.sim.sensing import JointTorques, SensorMemory
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.simulated_failure import FIRST_SPEED, FailuresToCome, held_rad
 from hexctl.backends.sim.simulation_model import FIRST_JOINT, waiting_commands
+from hexctl.columns import SENSED, Column
 from hexctl.mujoco_import import mujoco
 from hexctl.types import FloatArray, RobotState
 
@@ -162,30 +163,18 @@ class _Copies:
 
 
 def _together(states: Sequence[RobotState]) -> RobotState:
-    first = states[0]
-    return RobotState(
-        np.concatenate([state.joint_positions_rad for state in states]),
-        first.stamp_s,
-        True,
-        _stacked([state.base_position_world for state in states], states, 3),
-        _stacked([state.base_quaternion_world for state in states], states, 4),
-        np.concatenate([state.foot_contacts for state in states if state.foot_contacts is not None]),
-        first.age_s,
-        joint_torques_nm=np.concatenate(
-            [state.joint_torques_nm for state in states if state.joint_torques_nm is not None]
-        ),
-    )
+    sensed = {column.source: _stacked(column, states) for column in SENSED}
+    return RobotState(stamp_s=states[0].stamp_s, measured=True, age_s=states[0].age_s, **sensed)
 
 
-def _stacked(
-    parts: Sequence[FloatArray | None], states: Sequence[RobotState], width: int
-) -> FloatArray | None:
+def _stacked(column: Column, states: Sequence[RobotState]) -> Any:
     """Rows of several simulations, NaN for missing ones; None if all are missing."""
+    parts = [getattr(state, column.source) for state in states]
     if all(part is None for part in parts):
         return None
     counts = [len(state.joint_positions_rad) for state in states]
     rows = [
-        np.full((count, width), np.nan) if part is None else part
+        np.full((count, *column.shape), np.nan) if part is None else part
         for part, count in zip(parts, counts, strict=True)
     ]
     return np.concatenate(rows)

@@ -137,7 +137,7 @@ class StateSubscriber:
                 "see hexctl status, or start hexctl serve again"
             )
         try:
-            joint_positions_rad, torques_nm = decode_joints(sample.payload)
+            joint_positions_rad, torques_nm, velocities_rad_s = decode_joints(sample.payload)
             tag = PLAIN_TAG if self._plain else StateTag.unpacked(sample.attachment or b"")
         except MessageError as error:
             raise RobotFaultError(f"the robot sends invalid states: {error}") from error
@@ -162,6 +162,7 @@ class StateSubscriber:
             servos=self._servos_at(now_s),
             warnings=self._warnings,
             stale_joints=tag.stale_joints,
+            joint_velocities_rad_s=velocities_rad_s,
         )
 
     @property

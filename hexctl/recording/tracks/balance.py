@@ -11,7 +11,7 @@ from hexctl.recording import paths, style
 from hexctl.recording.rrd import load_rerun
 from hexctl.recording.scene import on_floor
 from hexctl.recording.series import MARGIN
-from hexctl.recording.tracks.columns import Block, compact
+from hexctl.recording.tracks.block import Block, compact
 from hexctl.types import BoolArray, FloatArray
 
 #: The polygon lies this much above the ribbon and the line, and the mark of the centre above the polygon.

@@ -3,12 +3,13 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from hexctl.columns import SPARSE_TICKS
 from hexctl.control.trace import PHASES, TrialFrame
 from hexctl.recording import paths, style
 from hexctl.recording.rrd import load_rerun
 from hexctl.recording.scene import course_world, on_floor, path_end_m
 from hexctl.recording.series import DEVIATION
-from hexctl.recording.tracks.columns import SPARSE_TICKS, Block, compact, posed_rows
+from hexctl.recording.tracks.block import Block, compact, posed_rows
 from hexctl.types import FloatArray
 
 #: Length of an arrow as time at the commanded velocity.

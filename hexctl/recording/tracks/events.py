@@ -8,7 +8,7 @@ from hexctl.control.trace import PHASES
 from hexctl.control.trial_result import TrialResult
 from hexctl.recording import paths, style
 from hexctl.recording.rrd import load_rerun
-from hexctl.recording.tracks.columns import Block
+from hexctl.recording.tracks.block import Block
 from hexctl.recording.tracks.failures import failure_lines
 from hexctl.recording.tracks.gait_tracks import clipped_joints, skipped_ticks
 from hexctl.types import JOINT_NAMES

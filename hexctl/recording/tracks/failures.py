@@ -10,7 +10,7 @@ from hexctl.palette import FAILED_COLORS, LINK_COLORS, TEXT_COLOR
 from hexctl.recording import paths, style
 from hexctl.recording.rrd import load_rerun
 from hexctl.recording.series import SUSPICION
-from hexctl.recording.tracks.columns import Block
+from hexctl.recording.tracks.block import Block
 from hexctl.robot.failure import Failure, in_words, in_words_with_share
 from hexctl.robot.meshes import PartMesh
 from hexctl.types import JOINT_KINDS

@@ -7,7 +7,7 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.control.trace import PHASES
 from hexctl.recording import paths, style
 from hexctl.recording.rrd import load_rerun
-from hexctl.recording.tracks.columns import Block
+from hexctl.recording.tracks.block import Block
 from hexctl.types import BoolArray, FloatArray
 
 #: Targets that differ by less count as unchanged: they were rounded in transit.
@@ -34,8 +34,8 @@ def send_phases(block: Block) -> None:
 
 def send_gait(block: Block) -> None:
     """Send changes of stance and swing of each foot, as commanded and, with contacts, as measured."""
-    states = _felt(block) if block.log.contacts_known else block.led_swing.astype(int)
-    names = style.FELT_STATES if block.log.contacts_known else style.COMMANDED_STATES
+    states = _felt(block) if block.contacts_known else block.led_swing.astype(int)
+    names = style.FELT_STATES if block.contacts_known else style.COMMANDED_STATES
     for leg in paths.LEGS:
         block.send_states(paths.gait_path(leg), states[:, leg - 1], names)
 
@@ -61,7 +61,7 @@ def send_feet(block: Block) -> None:
     """Send changes of contact as the foot's colour; one colour for all without contacts."""
     touching = block.led("foot_contacts")
     felt = (style.LIFTED_COLOR, style.TOUCHING_COLOR)
-    shown = felt if block.log.contacts_known else (style.UNFELT_COLOR, style.UNFELT_COLOR)
+    shown = felt if block.contacts_known else (style.UNFELT_COLOR, style.UNFELT_COLOR)
     colors = np.array([style.packed(color) for color in shown], dtype=np.uint32)
     for leg in paths.LEGS:
         rows = block.changes(touching[:, leg - 1])

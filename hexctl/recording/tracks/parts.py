@@ -1,14 +1,16 @@
 """The parts of a block: all content of its rows, leg by leg and track by track."""
 
 from collections.abc import Callable, Generator
+from functools import partial
 
 import numpy as np
 
+from hexctl.columns import KEPT_BITS, RECORDED, Column
 from hexctl.recording import paths
 from hexctl.recording.rrd import load_rerun
-from hexctl.recording.series import KEPT_BITS, SAMPLED, SERVOS, VECTORS, rounded
+from hexctl.recording.series import SENSORS, SERVOS, VECTORS, Series, rounded
 from hexctl.recording.tracks.balance import Tally, send_balance
-from hexctl.recording.tracks.columns import DRAWN_BITS, DRAWN_TICKS, Block, Rows, turn_column
+from hexctl.recording.tracks.block import DRAWN_BITS, DRAWN_TICKS, Block, Rows, turn_column
 from hexctl.recording.tracks.course import send_course, send_deviation, send_ribbon, send_trail, send_velocity
 from hexctl.recording.tracks.events import send_events
 from hexctl.recording.tracks.failures import send_lanes, send_looks, send_suspicion
@@ -73,22 +75,23 @@ def _send_leg(block: Block, leg: int) -> None:
 def _send_vectors(block: Block) -> None:
     """Send the angles of all joints at every tick."""
     for series in VECTORS:
-        block.send_vectors(series, block.column(str(series.source)))
+        block.send_vectors(series, block.column(series.source))
 
 
-def _send_samples(block: Block) -> None:
-    """Send columns of the log at 10 Hz if known: at every tick they would fill the file."""
-    for series in SAMPLED:
-        values, rows = block.column(str(series.source)), block.sparse()
-        rows = rows[np.isfinite(values[rows]).all(axis=-1)]
-        block.plot(series, rows, values[rows])
+def _send_column(column: Column, series: Series, block: Block) -> None:
+    """Send a column of the log, if known."""
+    if column.name in block.log.missing:
+        return
+    values, rows = block.column(column.name).astype(float), block.sparse(column.ticks)
+    rows = rows[np.isfinite(values[rows]).all(axis=-1)]
+    block.plot(series, rows, values[rows])
 
 
 def _send_servos(block: Block) -> None:
     """Send the reports of servos, if any; an unknown value leaves a gap."""
     readings = block.log.servo_rows.between(block.start, block.stop)
     for series in SERVOS:
-        known = [(row, getattr(servos, str(series.source))) for row, servos in readings]
+        known = [(row, getattr(servos, series.source)) for row, servos in readings]
         known = [(row, values) for row, values in known if np.isfinite(values).any()]
         if known:
             values = np.stack([np.where(np.isfinite(values), values, np.nan) for _, values in known])
@@ -107,7 +110,7 @@ PARTS: tuple[Callable[[Block], None], ...] = (
     send_course,
     send_ribbon,
     send_deviation,
-    _send_samples,
+    *(partial(_send_column, *pair) for pair in zip(RECORDED, SENSORS, strict=True)),
     send_velocity,
     send_suspicion,
     send_lanes,

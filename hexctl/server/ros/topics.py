@@ -3,10 +3,12 @@
 import math
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import zenoh
 
+from hexctl.columns import SENSED
 from hexctl.control.stop_reason import reason_in_words
 from hexctl.robot.body_twist import BodyTwist
 from hexctl.robot.formats.link_frames import BASE_LINK, fixed_transforms, link_transforms
@@ -21,12 +23,20 @@ from hexctl.wire.ros import telemetry
 from hexctl.wire.ros.odometry_error import twist_covariance
 from hexctl.wire.ros.ros_names import Kind, Qos, RosEndpoint, RosNode
 from hexctl.wire.ros.ros_session import RosPublisher
+from hexctl.wire.ros.sensor_messages import encode_sensor, message_type
 from hexctl.wire.ros.telemetry import DiagnosticStatus, Level
 from hexctl.wire.zenoh_messages import encode_battery, encode_positions
 
 LATCHED = Qos(depth=1, latched=True)
 
-#: Types and qualities of topics by name. `imu/data` is published once an orientation is known.
+#: Sensors with a topic of their own, by name: torques and velocities of joints are in `joint_states`.
+SENSORS = {
+    column.topic.removeprefix("/"): column
+    for column in SENSED
+    if column.topic is not None and message_type(column) != ros_cdr.JOINT_STATE
+}
+
+#: Types and qualities of topics by name. `imu/data` and sensors are published once they are known.
 TOPICS = {
     "joint_states": (ros_cdr.JOINT_STATE, Qos()),
     "odom": (ros_cdr.ODOMETRY, Qos()),
@@ -36,6 +46,7 @@ TOPICS = {
     "battery_state": (ros_cdr.BATTERY_STATE, Qos()),
     "/diagnostics": (telemetry.DIAGNOSTICS, Qos()),
     "robot_description": (telemetry.STRING, LATCHED),
+    **{topic: (message_type(column), Qos()) for topic, column in SENSORS.items()},
 }
 
 #: Encoder of a topic; None for unknown values.
@@ -81,9 +92,10 @@ class RobotMessages:
         return self._fixed.encode(stamp_ns, self._fixed_numbers)
 
     def joint_states(self, snapshot: RobotSnapshot) -> bytes:
-        """Angles, and torques if known."""
-        state = snapshot.state
-        return encode_positions(state.joint_positions_rad, measured_ns(snapshot), state.joint_torques_nm)
+        """Angles, and torques and velocities if known."""
+        state, stamp_ns = snapshot.state, measured_ns(snapshot)
+        known = state.joint_torques_nm, state.joint_velocities_rad_s
+        return encode_positions(state.joint_positions_rad, stamp_ns, *known)
 
     def moving_frames(self, snapshot: RobotSnapshot) -> bytes:
         """Frames of the moving links, of the body in `odom`, and of `odom` in `map`, if known."""
@@ -112,6 +124,12 @@ class RobotMessages:
             return None
         return telemetry.imu().encode(measured_ns(snapshot), xyzw(snapshot.orientation))
 
+    def sensor(self, topic: str, snapshot: RobotSnapshot) -> bytes | None:
+        """Values of one of the `SENSORS`, or None if unknown."""
+        column = SENSORS[topic]
+        values = getattr(snapshot.state, column.source)
+        return None if values is None else encode_sensor(column, measured_ns(snapshot), values)
+
     def battery(self, snapshot: RobotSnapshot) -> bytes:
         """Voltage and charge, NaN where unknown."""
         return encode_battery(snapshot.state.battery_v, snapshot.state.battery_share)
@@ -138,7 +156,9 @@ class RobotTopics:
 
     def __init__(self, session: zenoh.Session, node: RosNode, messages: RobotMessages) -> None:
         self._session, self._node, self._messages = session, node, messages
-        self._publishers = {topic: self._declared(topic) for topic in TOPICS if topic != "imu/data"}
+        self._publishers = {
+            topic: self._declared(topic) for topic in TOPICS if topic != "imu/data" and topic not in SENSORS
+        }
         self._slow_at_s = -SLOW_S
         self._publishers["robot_description"].put(messages.description())
         self._publishers["tf_static"].put(messages.fixed_frames(time.time_ns()))
@@ -154,6 +174,11 @@ class RobotTopics:
         self._put("odom", messages.odometry, snapshot)
         if "imu/data" in self._publishers:
             self._put("imu/data", messages.imu, snapshot)
+        for topic, column in SENSORS.items():
+            if getattr(snapshot.state, column.source) is not None:
+                if topic not in self._publishers:
+                    self._publishers[topic] = self._declared(topic)
+                self._put(topic, partial(messages.sensor, topic), snapshot)
         if now_s - self._slow_at_s >= SLOW_S:
             self._slow_at_s = now_s
             self._put("battery_state", messages.battery, snapshot)

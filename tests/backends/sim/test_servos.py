@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import PERIOD_S
@@ -62,11 +63,27 @@ def test_a_robot_stands_still_on_six_feet_that_carry_its_weight(name: str) -> No
 def test_without_noise_it_measures_exactly_where_it_is() -> None:
     with SimServos(shipped()) as servos:
         move(servos, servos.robot.stance_angles_rad + 0.05, ticks=10)
-        state, qpos = servos.read(), servos.compiled.physics.data.qpos
+        data = servos.compiled.physics.data
+        state, qpos = servos.read(), data.qpos
         assert state.measured
+        np.testing.assert_array_equal(state.joint_velocities_rad_s, data.qvel[6:])
         np.testing.assert_array_equal(state.joint_positions_rad, qpos[FIRST_JOINT:])
         np.testing.assert_array_equal(state.base_position_world, qpos[:3])
         np.testing.assert_array_equal(state.base_quaternion_world, qpos[3:FIRST_JOINT])
+
+
+def test_the_angular_velocity_is_about_the_axes_of_the_body() -> None:
+    with SimServos(shipped()) as servos:
+        data = servos.compiled.physics.data
+        data.qpos[2:FIRST_JOINT] = [1.0, 0.8, 0.6, 0.0, 0.0]
+        data.qvel[3:6] = [0.3, -0.5, 2.0]
+        states = []
+        for _ in range(2):
+            servos.clock.tick()
+            states.append(servos.read())
+        before, after = (Rotation.from_quat(one.base_quaternion_world, scalar_first=True) for one in states)
+        turned_rad_s = (before.inv() * after).as_rotvec() / servos.clock.period_s
+        assert states[1].angular_velocity_body_rad_s == pytest.approx(turned_rad_s, abs=0.05)
 
 
 def test_the_physics_can_be_reached_only_when_connected() -> None:

@@ -41,16 +41,17 @@ def _other_order() -> bytes:
 @target(
     encode_positions(STANDING, 1),
     encode_positions(STANDING, 1, STANDING),
+    encode_positions(STANDING, 1, STANDING, STANDING),
     _other_order(),
     b"",
     words=(*BINARY_NUMBERS, b"leg1_coxa\0", b"\0\1\0\0", b"\0\0\0\0"),
 )
 def read_joints(data: bytes) -> None:
-    joint_positions_rad, torques_nm = decode_joints(data)
+    joint_positions_rad, *more = decode_joints(data)
     assert joint_positions_rad.shape == (N_JOINTS,)
-    again, torques = decode_joints(encode_positions(joint_positions_rad, 0, torques_nm))
+    again, *same = decode_joints(encode_positions(joint_positions_rad, 0, *more))
     assert np.array_equal(again, joint_positions_rad)
-    assert (torques is None) == (torques_nm is None)
+    assert [one is None for one in same] == [one is None for one in more]
 
 
 @target(COMMAND_BYTES + encode_positions(STANDING, 1), COMMAND_BYTES, words=(*BINARY_NUMBERS, b"HXCc"))

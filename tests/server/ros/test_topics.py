@@ -12,7 +12,7 @@ from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.rotations import about_z, product, turned, wrapped_rad, yaw_rad
 from hexctl.server.ros.frames import DeadReckoning, FramePose
-from hexctl.server.ros.topics import TOPICS, RobotMessages, measured_ns, publisher_endpoint, statuses
+from hexctl.server.ros.topics import SENSORS, TOPICS, RobotMessages, measured_ns, publisher_endpoint, statuses
 from hexctl.server.service import ENDPOINT_BESIDE_ROUTER, link_beside_router, router_warnings
 from hexctl.server.snapshot import RobotSnapshot
 from hexctl.types import N_JOINTS, FloatArray, RobotState, ServoReadings
@@ -98,6 +98,26 @@ def test_stamps_are_those_of_the_measurement(messages: RobotMessages) -> None:
     assert measured_ns(shown) == 10**18 - 10_000_000
     stamp = decoded(ros_cdr.JOINT_STATE, messages.joint_states(shown)).header.stamp
     assert stamp.sec * 10**9 + stamp.nanosec == 10**18 - 10_000_000
+
+
+def test_sensors_are_sent_if_known(messages: RobotMessages) -> None:
+    state = walking(ROBOT.stance_angles_rad)
+    assert [messages.sensor(topic, snapshot(state)) for topic in SENSORS] == [None] * len(SENSORS)
+    feet, rates = np.arange(6) % 2 == 0, np.array([0.1, -0.2, 0.3])
+    known = replace(
+        state,
+        foot_contacts=feet,
+        angular_velocity_body_rad_s=rates,
+        joint_velocities_rad_s=np.arange(18.0),
+    )
+    found = {topic: messages.sensor(topic, snapshot(known)) or b"" for topic in SENSORS}
+    assert found.keys() == {"foot_contacts", "angular_velocity"}
+    touching = decoded("std_msgs/msg/UInt8MultiArray", found["foot_contacts"])
+    assert list(touching.data) == feet.tolist()
+    turning = decoded("geometry_msgs/msg/Vector3Stamped", found["angular_velocity"])
+    assert (turning.header.frame_id, turning.vector.z) == ("base_link", 0.3)
+    joints = decoded(ros_cdr.JOINT_STATE, messages.joint_states(snapshot(known)))
+    assert list(joints.velocity) == list(range(18))
 
 
 def test_endpoints_have_numbers_of_their_own_and_no_unknown_orientation_is_sent(

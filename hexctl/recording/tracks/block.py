@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hexctl.columns import SPARSE_TICKS
 from hexctl.control.log import LegChange, TickLog
 from hexctl.control.trace import PHASES
 from hexctl.ik.support_polygon import foot_heights_body
@@ -18,9 +19,6 @@ from hexctl.recording.series import Series, rounded
 from hexctl.types import BoolArray, FloatArray
 
 Rows = NDArray[np.int64] | slice
-
-#: Ticks between rows of sparse tracks: ten rows a second.
-SPARSE_TICKS = 5
 
 #: Resolution of the wall clock: half a second keeps its column small.
 WALL_STEP_NS = 500_000_000
@@ -72,14 +70,19 @@ class Block:
         """Whether each row belongs to the walk, (rows,)."""
         return np.asarray(self.column("phase") == PHASES.index("walk"))
 
-    def sparse(self) -> NDArray[np.int64]:
-        """Rows whose tick is a multiple of `SPARSE_TICKS`."""
-        return np.arange(-self.start % SPARSE_TICKS, self.stop - self.start, SPARSE_TICKS)
+    def sparse(self, ticks: int = SPARSE_TICKS) -> NDArray[np.int64]:
+        """Rows whose tick is a multiple of some ticks."""
+        return np.arange(-self.start % ticks, self.stop - self.start, ticks)
 
     @cached_property
     def posed(self) -> BoolArray:
         """Whether the base position is known, (rows,)."""
         return posed_rows(self.log, self.start, self.stop)
+
+    @property
+    def contacts_known(self) -> bool:
+        """Whether the robot feels its feet."""
+        return "foot_contacts" not in self.log.missing
 
     @cached_property
     def led_swing(self) -> BoolArray:
@@ -96,7 +99,7 @@ class Block:
     @cached_property
     def standing(self) -> BoolArray:
         """Feet in contact, or commanded to stance without contacts, (rows, 6)."""
-        if self.log.contacts_known:
+        if self.contacts_known:
             return np.asarray(self.column("foot_contacts"))
         return np.asarray(~self.without_lead(self.led_swing))
 
