@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Literal
 from hexctl.control.batch import SimTrial
 from hexctl.control.trial_plan import AUTO_ROTATION, AskedRotation, TrialPlan, suited_rotation
 from hexctl.control.trial_result import STATUSES, TrialResult
-from hexctl.gait.gait import Gait
+from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure, each_failure
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.study.held_out import HeldOutPlace, stable_gait_of
@@ -99,11 +99,8 @@ class HoldPlace(HeldOutPlace[HoldCase, HoldWalk]):
 
     def trial(self, case: HoldCase) -> SimTrial:
         """Return the trial of a case, with the gait of the largest stability margin."""
-        gait = self.robot.gait
         plan = TrialPlan(
-            gait=Gait(
-                slots=(1, 2, 3, 4, 5, 6), pace_hz=gait.pace_hz, amplitude=gait.amplitude, height=gait.height
-            ),
+            gait=make_gait(self.robot, (1, 2, 3, 4, 5, 6)),
             duration_s=self.duration_s,
             failures=each_failure(case.leg_failure),
             self_rotation=suited_rotation(

@@ -16,7 +16,7 @@ from hexctl.control.batch import SimTrial
 from hexctl.control.planning.static_stability import in_posture, usual_posture
 from hexctl.control.trial_plan import Hold, SelfRotation, TrialPlan
 from hexctl.control.trial_result import QUALITIES, STATUSES, TrialResult
-from hexctl.gait.gait import Gait
+from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.study.walk_cache import Place, known
@@ -123,15 +123,8 @@ class LandscapeSpec(Place[int, GaitWalk]):
 
     def trial(self, case: int) -> SimTrial:
         """Return the trial of a code."""
-        default = self.robot.gait
-        gait = Gait(
-            slots=self.space.slots_of(case),
-            pace_hz=default.pace_hz,
-            amplitude=default.amplitude,
-            height=default.height,
-        )
         plan = TrialPlan(
-            gait=gait,
+            gait=make_gait(self.robot, self.space.slots_of(case)),
             duration_s=self.duration_s,
             failures=(self.leg_failure,),
             self_rotation=self.self_rotation,

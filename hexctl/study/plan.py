@@ -8,7 +8,7 @@ from typing import Annotated, Any, Generic, Literal, TypeVar, get_args, get_orig
 from hexctl.backends.sim.world import DomainRandomization
 from hexctl.control.batch import SimTrial
 from hexctl.control.walks.turning import check_plan
-from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
+from hexctl.errors import InputError, LimitError, ReachError, argument
 from hexctl.options import Typed, check_fields
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.study_options import ComputeOptions
@@ -25,13 +25,6 @@ class Plan(ABC):
 
     def __post_init__(self) -> None:
         check_fields(self)
-        for name, _, kind in _several(type(self)):
-            value, origin, items = getattr(self, name), get_origin(kind), get_args(kind)
-            check_type(value, origin, argument(name))
-            item = items[1] if origin is dict else items[0]
-            for one in value.values() if origin is dict else value:
-                if isinstance(item, type):
-                    check_type(one, item, argument(name))
 
     @abstractmethod
     def walked(self) -> Walked:

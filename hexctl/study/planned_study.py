@@ -11,7 +11,7 @@ from hexctl.adapt.prior.prior import Prior, load_prior
 from hexctl.adapt.prior.prior_files import find_prior, prior_folders
 from hexctl.backends.sim.world import DEFAULT_WORLD, DomainRandomization, load_randomization, load_world
 from hexctl.control.trial_plan import TrialPlan
-from hexctl.errors import InputError, argument, check_type
+from hexctl.errors import InputError, argument
 from hexctl.gait.gait import make_gait
 from hexctl.options import listed
 from hexctl.robot.failure_grammar import parse_kind
@@ -43,7 +43,6 @@ def planned_study(options: StudyOptions, *, runs: Path | None = None) -> Planned
 
     Raises InputError for an unknown robot, world, family or prior.
     """
-    check_type(options, StudyOptions, "options")
     runs = find_settings().runs if runs is None else runs
     folder = options.out or runs / f"study-{datetime.now():%Y%m%d-%H%M%S}"
     plan = _PLANS[options.kind](options, runs)

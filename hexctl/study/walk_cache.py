@@ -10,7 +10,7 @@ from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from pydantic import ConfigDict, TypeAdapter
 
@@ -42,16 +42,9 @@ class CacheError(HexctlError, OSError):
     """The cache folder cannot be written."""
 
 
-class Walk(Protocol):
-    """Outcome of a walk: a dataclass of plain values."""
-
-    @property
-    def case(self) -> Any:
-        """Walked case."""
-
-
 CaseT = TypeVar("CaseT", bound=Hashable)
-WalkT = TypeVar("WalkT", bound=Walk)
+#: Outcome of a walk: a dataclass of plain values, with its `case`.
+WalkT = TypeVar("WalkT")
 
 
 @dataclass(frozen=True, kw_only=True)

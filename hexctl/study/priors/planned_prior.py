@@ -7,7 +7,6 @@ from hexctl.adapt.prior.prior_files import PRIORS, describe_prior
 from hexctl.backends.sim.world import load_randomization
 from hexctl.control.monitor.repertoire import REPERTOIRES, SUFFIX, describe_repertoire
 from hexctl.control.trial_plan import AUTO_ROTATION, suited_rotation
-from hexctl.errors import check_type
 from hexctl.options import listed
 from hexctl.robot.loader import load_robot
 from hexctl.settings import find_settings
@@ -28,7 +27,6 @@ def planned_prior(options: PriorOptions, *, runs: Path | None = None) -> Planned
 
     Raises InputError for an invalid robot, family or plan.
     """
-    check_type(options, PriorOptions, "options")
     runs = find_settings().runs if runs is None else runs
     return _repertoire(options, runs) if options.repertoire else _prior(options, runs)
 
