@@ -78,9 +78,7 @@ class BoardService(ServedOptions):
     """
 
     baud: Annotated[int | None, BAUD, RARE] = None
-    """With --bus, bits per second: how long packets take, {}. (default: the usual one of the
-    bus)
-    """
+    """With --bus, bits per second: how long packets take, {}. (default: the usual one of the bus)"""
 
     fault: Sequence[str] = ()
     """With --bus, what goes wrong, repeatable: mute:5:coxa@10, hot:2:femur:72@5, overload:4:femur@6,

@@ -76,10 +76,8 @@ class BusOptions:
 
         section = self._section()
         family = find_family(self._driver(section))
-        text, of_file = self.port, None
-        if section is not None:
-            text, of_file = text or section.port, section.baud
-        address = SerialAddress.parse(text, self.baud or of_file or family.bauds[0])
+        baud = self.baud or section.baud or family.bauds[0]
+        address = SerialAddress.parse(self.port or section.port, baud)
         return BusAddress(family.name, address.path, address.baud)
 
     def servo_map(self) -> "BusMap | None":
@@ -89,26 +87,27 @@ class BusOptions:
 
         if self.robot is None:
             return None
-        file = load_robot_file(self.robot)
-        return bus_map_of(file.content.servos, self._driver(file.content.servos), file.p_gain)
+        section = self._section()
+        return bus_map_of(section, self._driver(section), load_robot_file(self.robot).p_gain)
 
-    def _section(self) -> "ServosSection | None":
+    def _section(self) -> "ServosSection":
+        """Section of the robot file; empty without one."""
         from hexctl.robot.loader import load_robot_file
+        from hexctl.robot.servos.servo_schema import ServosSection
 
-        return None if self.robot is None else load_robot_file(self.robot).content.servos
+        return ServosSection() if self.robot is None else load_robot_file(self.robot).content.servos
 
-    def _driver(self, section: "ServosSection | None") -> str:
-        of_file = None if section is None else section.driver
-        if of_file in PWM_DRIVERS:
+    def _driver(self, section: "ServosSection") -> str:
+        if section.driver in PWM_DRIVERS:
             raise InputError(
-                f"{argument('robot')}: got {self.robot}, whose hobby servos ({of_file}) do not answer; "
-                f"allowed: a robot file with {', '.join(bus_drivers())}"
+                f"{argument('robot')}: got {self.robot}, whose hobby servos ({section.driver}) do not "
+                f"answer; allowed: a robot file with {', '.join(bus_drivers())}"
             )
-        if self.driver is not None and of_file not in (None, self.driver):
+        if None not in (self.driver, section.driver) and self.driver != section.driver:
             raise InputError(
-                f"{argument('driver')}: got {self.driver}; allowed: {of_file}, with this robot file"
+                f"{argument('driver')}: got {self.driver}; allowed: {section.driver}, with this robot file"
             )
-        if driver := self.driver or of_file:
+        if driver := self.driver or section.driver:
             return driver
         raise InputError(f"{argument('driver')}: got none; allowed: {', '.join(bus_drivers())}")
 
@@ -156,16 +155,15 @@ class ServoAssignmentOptions(BusOptions):
             )
 
     def unreported_model(self, family: "Family") -> str | None:
-        """Return the model, from the option or the robot file, of servos that do not report theirs.
+        """Return the model, from the option, the robot file or the family, of servos that report none.
 
         Raises InputError for a model of servos that report theirs, and for one that the family does not have.
         """
-        if family.reports_model and self.model is not None:
-            raise InputError(
-                f"{argument('model')}: got {self.model} with {family.name}; allowed: none, because its "
-                "servos report their model"
-            )
-        section = self._section()
-        of_file = None if family.reports_model or section is None else section.model
-        asked = self.model or of_file
-        return None if asked is None else family.model(asked).name
+        if not family.reports_model:
+            return family.model(self.model or self._section().model).name
+        if self.model is None:
+            return None
+        raise InputError(
+            f"{argument('model')}: got {self.model} with {family.name}; allowed: none, because its servos "
+            "report their model"
+        )

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Self, TypeVar
 
 from hexctl.backends.bus.packet_line import PacketLine
@@ -32,10 +32,10 @@ class FoundServo:
     """
 
     servo_id: int
-    baud: int
     model: str | None
     model_number: int | None
     protocol: int
+    baud: int
     position: int | None
     voltage_v: float | None
     temperature_c: float | None
@@ -54,20 +54,10 @@ class FoundServo:
 
     def to_json(self) -> dict[str, object]:
         """JSON values; the id as `id`, voltage in V, temperature in degrees Celsius."""
-        return {
-            "id": self.servo_id,
-            "model": self.model,
-            "model_number": self.model_number,
-            "protocol": self.protocol,
-            "baud": self.baud,
-            "position": self.position,
-            "voltage": self.voltage_v,
-            "temperature": self.temperature_c,
-            "error": self.error,
-            "firmware": self.firmware,
-            "variant": self.variant,
-            "p_gain": self.p_gain,
-        }
+        values = asdict(self)
+        del values["load"], values["current_a"]
+        shorter = {"servo_id": "id", "voltage_v": "voltage", "temperature_c": "temperature"}
+        return {shorter.get(name, name): value for name, value in values.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,7 +1,7 @@
 """Tools on a bus by servo ids: scan, change an id, check ids, adopt a servo after the loss of its id."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import count
 
 import numpy as np
@@ -157,16 +157,21 @@ def other_settings(
 ) -> str:
     """Other drivers and usual baud rates at which servos answer, as text; empty for none.
 
+    A plug-in that does not load has no servos: `hexctl doctor` names it.
+
     Families answer each other's requests: a servo of a known model is preferred, and of another driver
     required.
     """
-    families = [find_family(each) for each in (bus_drivers() if drivers is None else drivers)]
+    families: list[Family] = []
+    for each in bus_drivers() if drivers is None else drivers:
+        with suppress(InputError):
+            families.append(find_family(each))
     found = [
-        (each.name, servo)
-        for each in families
-        for baud in each.bauds
-        if each.name != driver or baud not in bauds
-        if (servo := _a_servo(path, each, baud, known=each.name != driver and each.reports_model))
+        (family.name, servo)
+        for family in families
+        for baud in family.bauds
+        if family.name != driver or baud not in bauds
+        if (servo := _a_servo(path, family, baud, known=family.name != driver and family.reports_model))
     ]
     found = [(each, servo) for each, servo in found if servo.model is not None] or found
     return " or ".join(

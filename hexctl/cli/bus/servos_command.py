@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from hexctl.backends.bus.bus_map import BusMap
     from hexctl.backends.bus.damage import Damage
     from hexctl.backends.bus.servo import FoundServo
-    from hexctl.control.calibration.servo_assignment import ServoAssignment
 
 servos = Commands()
 
@@ -145,11 +144,15 @@ def identify(
     no robot file is written.
     """
     from hexctl.cli.prompts import CalibrationPrompt, check_answerable
-    from hexctl.control.calibration.servo_assignment import assign_servos
+    from hexctl.control.calibration.servo_assignment import ServoAssignment, assign_servos
 
     asked = ServoAssignmentOptions(**options)
     bus = asked.address()
-    known = _assignment(asked, bus)
+    model = asked.unreported_model(bus.family)
+    if model is not None and asked.model is None:
+        print_note(f"these servos do not report their model: {model} is written; --model sets another")
+    output = None if asked.output is None else Path(asked.output)
+    known = ServoAssignment(driver=bus.driver, port=bus.path, baud=bus.baud, output=output, model=model)
     check_answerable("identify")
     known.resume()
     ids = _answering(bus) if servo_id is None else [int(servo_id)]
@@ -164,17 +167,6 @@ def identify(
         kept = f", in {known.draft}; the same command continues" if there else "; nothing is written"
         print_note(f"{len(known.ids)} of 18 joints are known{kept}")
     raise typer.Exit(INTERRUPTED if stopped else DONE)
-
-
-def _assignment(asked: ServoAssignmentOptions, bus: BusAddress) -> "ServoAssignment":
-    from hexctl.control.calibration.servo_assignment import ServoAssignment
-
-    model = asked.unreported_model(bus.family)
-    if model is None and not bus.family.reports_model:
-        model = bus.family.model(None).name
-        print_note(f"these servos do not report their model: {model} is written; --model sets another")
-    output = None if asked.output is None else Path(asked.output)
-    return ServoAssignment(driver=bus.driver, port=bus.path, baud=bus.baud, output=output, model=model)
 
 
 def _answering(bus: BusAddress) -> list[int]:

@@ -229,7 +229,7 @@ def test_only_servos_that_report_no_model_are_given_one(robot: str) -> None:
     lx16a, feetech = find_family("lx16a"), find_family("feetech")
     assert ServoAssignmentOptions(robot=robot).unreported_model(lx16a) == "lx224"
     assert ServoAssignmentOptions(robot=robot, model="hts35h").unreported_model(lx16a) == "hts35h"
-    assert ServoAssignmentOptions().unreported_model(lx16a) is None
+    assert ServoAssignmentOptions().unreported_model(lx16a) == "lx16a"
     assert ServoAssignmentOptions(robot=robot).unreported_model(feetech) is None
     with pytest.raises(InputError, match="model: got hts35h"):
         ServoAssignmentOptions(model="hts35h").unreported_model(feetech)

@@ -117,9 +117,9 @@ def read_robot_file(path: Path) -> None:
     assert np.isfinite(robot.stance_angles_rad).all()
     assert math.isfinite(robot.mass_kg)
     _ = found.to_measure
-    for name in ("servo_map", "raw_map", "meshes"):
+    for look in (lambda: found.servo_map, lambda: found.meshes, lambda: raw_map_of(found)):
         with suppress(InputError):
-            getattr(found, name)
+            look()
 
 
 @target(
