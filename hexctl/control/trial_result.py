@@ -1,11 +1,23 @@
 """The result of a trial: distance, the four deviations and a status; its JSON and its plot."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from functools import cache
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    PlainValidator,
+    TypeAdapter,
+    ValidationError,
+    WrapSerializer,
+)
 
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.robot.failure import NoticedFailure
@@ -18,6 +30,41 @@ STATUSES = ("ok", "fell", "diverged", "no_progress", "cut_short", "aborted")
 QUALITIES = ("energy_j", "cost_of_transport", "tilt_deg", "steadiness")
 
 
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _or_nan(value: Any) -> float:
+    """A finite number, or NaN for None."""
+    if value is not None and (isinstance(value, bool | str) or not math.isfinite(value)):
+        raise ValueError(f"got {value!r}; allowed: a finite number or null")
+    return math.nan if value is None else float(value)
+
+
+def _path(value: Any) -> FloatArray:
+    """Points of a path, (T, 2), with NaN for None."""
+    return np.array(value or [], dtype=float).reshape(-1, 2)
+
+
+#: Types of JSON values. Angles are in degrees there, and unknown numbers null.
+_Text = Annotated[str, Field(strict=True)]
+_Number = Annotated[float, Field(strict=True)]
+_Count = Annotated[int, Field(strict=True, ge=0)]
+_Seconds = Annotated[float, Field(strict=True, ge=0)]
+_Angle = Annotated[_Number, AfterValidator(math.radians), PlainSerializer(math.degrees)]
+_OrNan = Annotated[float, PlainValidator(_or_nan), PlainSerializer(_known)]
+_Path = Annotated[
+    FloatArray,
+    PlainValidator(_path),
+    PlainSerializer(lambda path_m: [[_known(value) for value in row] for row in path_m.tolist()]),
+]
+_Noticed = Annotated[
+    NoticedFailure,
+    PlainValidator(NoticedFailure.from_dict),
+    PlainSerializer(NoticedFailure.to_dict),
+]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Deviation(ArrayFields):
     """Distance from the line of travel in m, absolute except `signed`, which is positive to the left.
@@ -25,22 +72,22 @@ class Deviation(ArrayFields):
     `final` (the paper's F) and `signed` are at the end; mean and max are NaN if only the end was measured.
     """
 
-    final: float
-    mean: float
-    max: float
-    signed: float
+    final: _OrNan
+    mean: _OrNan
+    max: _OrNan
+    signed: _OrNan
 
-    def to_dict(self) -> dict[str, float | None]:
-        """JSON values; None for NaN."""
-        return {name: _known(getattr(self, name)) for name in ("final", "mean", "max", "signed")}
 
-    @classmethod
-    def from_dict(cls, data: Mapping[str, float | None]) -> "Deviation | None":
-        """Inverse of `to_dict`; None if the end is not known."""
-        if data["signed"] is None:
-            return None
-        values = {name: math.nan if value is None else float(value) for name, value in data.items()}
-        return cls(**values)
+def _or_nulls(deviation: Deviation | None, to_json: Callable[[Any], Any]) -> Any:
+    """Numbers of a deviation, null for each of an unknown one."""
+    return dict.fromkeys(("final", "mean", "max", "signed")) if deviation is None else to_json(deviation)
+
+
+#: A deviation whose end is known; in JSON an unknown one has null in place of its numbers.
+_Deviation = Annotated[
+    Deviation | None,
+    BeforeValidator(lambda data: None if data is None or data["signed"] is None else data),
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -84,33 +131,37 @@ class TrialResult(ArrayFields):
         controller: name of a custom controller, or None. Not compared.
     """
 
-    status: str
-    stopped: str | None
-    duration_s: float
-    turned_rad: float
-    distance_m: float | None
-    ideal_distance_m: float
-    deviation: Deviation | None
-    yaw_change_rad: float | None
-    clipped_ticks: int
-    path_m: FloatArray
-    cause: str | None = None
-    turn_miss_rad: float | None = None
-    hold: str = "none"
-    hold_caveat: str | None = None
-    hold_lost_s: float = 0.0
-    limited_ticks: int = 0
-    true_deviation: Deviation | None = None
-    true_path_m: FloatArray | None = field(default=None, compare=False)
-    energy_j: float | None = None
-    cost_of_transport: float | None = None
-    tilt_deg: float | None = None
-    steadiness: float | None = None
-    trim_rad: float | None = None
-    turn_trim_rad_s: float | None = None
-    noticed: tuple[NoticedFailure, ...] = ()
-    warnings: tuple[str, ...] = ()
-    controller: str | None = field(default=None, compare=False)
+    __pydantic_config__: ClassVar = ConfigDict(allow_inf_nan=False, arbitrary_types_allowed=True)
+
+    duration_s: Annotated[_Seconds, PlainSerializer(lambda duration_s: round(duration_s, 6))]
+    distance_m: _Number | None
+    ideal_distance_m: _Number
+    deviation: Annotated[_Deviation, Field(alias="deviation_m"), WrapSerializer(_or_nulls)]
+    yaw_change_rad: Annotated[_Angle | None, Field(alias="yaw_change_deg")]
+    turned_rad: Annotated[_Angle, Field(alias="self_rotation_deg")]
+    status: Annotated[_Text, Field(pattern=f"^({'|'.join(STATUSES)})$")]
+    stopped: _Text | None
+    clipped_ticks: _Count
+    cause: _Text | None = None
+    turn_miss_rad: Annotated[_Angle | None, Field(alias="turn_miss_deg")] = None
+    hold: _Text = "none"
+    hold_caveat: _Text | None = None
+    hold_lost_s: _Number = 0.0
+    limited_ticks: _Count = 0
+    true_deviation: Annotated[_Deviation, Field(alias="true_deviation_m")] = None
+    energy_j: _Number | None = None
+    cost_of_transport: _Number | None = None
+    tilt_deg: _Number | None = None
+    steadiness: _Number | None = None
+    trim_rad: Annotated[_Angle | None, Field(alias="trim_deg")] = None
+    turn_trim_rad_s: Annotated[_Angle | None, Field(alias="turn_trim_deg_s")] = None
+    noticed: tuple[_Noticed, ...] = ()
+    warnings: tuple[_Text, ...] = ()
+    controller: Annotated[_Text | None, Field(exclude_if=lambda name: name is None)] = field(
+        default=None, compare=False
+    )
+    path_m: _Path = field(default_factory=lambda: np.zeros((0, 2)))
+    true_path_m: Annotated[FloatArray | None, Field(exclude=True)] = field(default=None, compare=False)
 
     @property
     def valid(self) -> bool:
@@ -119,71 +170,22 @@ class TrialResult(ArrayFields):
 
     def to_dict(self, *, path: bool = False) -> dict[str, Any]:
         """JSON values, angles in degrees; `controller` only for a custom one, the path if asked for."""
-        unknown = {"final": None, "mean": None, "max": None, "signed": None}
-        yaw_change = self.yaw_change_rad
-        data: dict[str, Any] = {
-            "duration_s": round(self.duration_s, 6),
-            "distance_m": self.distance_m,
-            "ideal_distance_m": self.ideal_distance_m,
-            "deviation_m": unknown if self.deviation is None else self.deviation.to_dict(),
-            "yaw_change_deg": None if yaw_change is None else float(np.degrees(yaw_change)),
-            "self_rotation_deg": float(np.degrees(self.turned_rad)),
-            "status": self.status,
-            "stopped": self.stopped,
-            "clipped_ticks": self.clipped_ticks,
-            "cause": self.cause,
-            "turn_miss_deg": None if self.turn_miss_rad is None else math.degrees(self.turn_miss_rad),
-            "hold": self.hold,
-            "hold_caveat": self.hold_caveat,
-            "hold_lost_s": self.hold_lost_s,
-            "limited_ticks": self.limited_ticks,
-            "true_deviation_m": None if self.true_deviation is None else self.true_deviation.to_dict(),
-            **{name: getattr(self, name) for name in QUALITIES},
-            "trim_deg": _degrees(self.trim_rad),
-            "turn_trim_deg_s": _degrees(self.turn_trim_rad_s),
-            "noticed": [each.to_dict() for each in self.noticed],
-            "warnings": list(self.warnings),
-        }
-        if self.controller is not None:
-            data["controller"] = self.controller
-        if path:
-            data["path_m"] = [[_known(value) for value in row] for row in self.path_m.tolist()]
-        return data
+        values: dict[str, Any] = _json().dump_python(
+            self, mode="json", by_alias=True, exclude=None if path else {"path_m"}, warnings=False
+        )
+        return values
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "TrialResult":
         """Inverse of `to_dict`, angles up to rounding; raises InputError for anything else."""
         try:
-            path, true_deviation_m = data.get("path_m") or np.zeros((0, 2)), data["true_deviation_m"]
-            return cls(
-                status=str(data["status"]),
-                stopped=data["stopped"],
-                duration_s=float(data["duration_s"]),
-                turned_rad=math.radians(data["self_rotation_deg"]),
-                distance_m=data["distance_m"],
-                ideal_distance_m=float(data["ideal_distance_m"]),
-                deviation=Deviation.from_dict(data["deviation_m"]),
-                yaw_change_rad=_radians(data["yaw_change_deg"]),
-                clipped_ticks=int(data["clipped_ticks"]),
-                path_m=np.array(path, dtype=float),
-                cause=data["cause"],
-                turn_miss_rad=_radians(data["turn_miss_deg"]),
-                hold=str(data["hold"]),
-                hold_caveat=data["hold_caveat"],
-                hold_lost_s=float(data["hold_lost_s"]),
-                limited_ticks=int(data["limited_ticks"]),
-                true_deviation=None if true_deviation_m is None else Deviation.from_dict(true_deviation_m),
-                **{name: data[name] for name in QUALITIES},
-                trim_rad=_radians(data["trim_deg"]),
-                turn_trim_rad_s=_radians(data["turn_trim_deg_s"]),
-                noticed=tuple(NoticedFailure.from_dict(each) for each in data["noticed"]),
-                warnings=tuple(data["warnings"]),
-                controller=data.get("controller"),
-            )
-        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-            raise InputError(
-                f"trial result: cannot be read ({error!r}); allowed: what `to_dict` gives"
-            ) from error
+            return _json().validate_python(data)
+        except ValidationError as error:
+            problem = error.errors(include_url=False)[0]
+            why = f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}".removeprefix(": ")
+            raise InputError(f"trial result: {why}; allowed: what `to_dict` gives") from error
+        except (KeyError, TypeError, AttributeError, OverflowError) as error:
+            raise InputError(f"trial result: got {error!r}; allowed: what `to_dict` gives") from error
 
     def plot(self, ax: Any = None) -> Any:
         """Draw the path from above in axes, or a new figure; raises MissingExtraError."""
@@ -219,13 +221,7 @@ def path_axes(ax: Any = None) -> Any:
     return ax
 
 
-def _degrees(angle_rad: float | None) -> float | None:
-    return None if angle_rad is None else math.degrees(angle_rad)
-
-
-def _radians(angle_deg: float | None) -> float | None:
-    return None if angle_deg is None else math.radians(angle_deg)
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+@cache
+def _json() -> TypeAdapter[TrialResult]:
+    """Reads and writes results as JSON values; made once, when needed."""
+    return TypeAdapter(TrialResult)

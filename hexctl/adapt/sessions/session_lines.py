@@ -49,8 +49,8 @@ class _Line:
 
 _LINE = TypeAdapter(_Line)
 
-#: A session without a seal was begun by an unknown user.
-_SPEC_FIELDS = {field.name for field in fields(SessionSpec)} - {"seal"}
+#: A session without a seal was begun by an unknown user, and one without a port has none.
+_SPEC_FIELDS = {field.name for field in fields(SessionSpec)} - {"seal", "port"}
 
 #: Names of walks in a line, by their class.
 _KINDS = {TrialRecord: "trial", BaselineRecord: "baseline", ConfirmationRecord: "confirmation"}

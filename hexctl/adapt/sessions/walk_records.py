@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizer import Trim
 from hexctl.control.planning.top_speed import Stride
-from hexctl.control.trial_result import QUALITIES, STATUSES, TrialResult
+from hexctl.control.trial_result import QUALITIES, TrialResult
 from hexctl.gait.gait import AUTO
 from hexctl.types import N_LEGS
 
@@ -18,34 +18,9 @@ class _Plain(BaseModel):
     model_config = ConfigDict(allow_inf_nan=False, extra="allow")
 
 
-class _Deviation(_Plain):
-    final: float | None
-    mean: float | None
-    max: float | None
-    signed: float | None
-
-
-class _Outcome(_Plain):
-    """What `TrialResult.to_dict` writes and reports use."""
-
-    status: Annotated[str, Field(pattern=f"^({'|'.join(STATUSES)})$")]
-    duration_s: Annotated[float, Field(ge=0)]
-    distance_m: float | None
-    ideal_distance_m: float
-    deviation_m: _Deviation
-    yaw_change_deg: float | None
-    self_rotation_deg: float
-    clipped_ticks: Annotated[int, Field(ge=0)]
-    stopped: str | None
-    cause: str | None
-    hold: str
-    hold_caveat: str | None
-    energy_j: float | None
-    cost_of_transport: float | None
-    tilt_deg: float | None
-    steadiness: float | None
-    trim_deg: float | None
-    turn_trim_deg_s: float | None
+def _is_result(values: dict[str, Any]) -> dict[str, Any]:
+    TrialResult.from_dict(values)
+    return values
 
 
 class _Expected(_Plain):
@@ -81,6 +56,13 @@ Settled = Annotated[dict[str, Any], _as(_Settled)]
 _Point = Annotated[list[Annotated[float, Field(allow_inf_nan=True)]], Field(min_length=2, max_length=2)]
 
 
+#: Values of a result that `--json` and tables print.
+PRINTED = (
+    *("deviation_m", "distance_m", "yaw_change_deg", "status", "stopped", "clipped_ticks", "hold"),
+    *(*QUALITIES, "trim_deg", "turn_trim_deg_s"),
+)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WalkRecord:
     """A stored walk of a session.
@@ -97,7 +79,7 @@ class WalkRecord:
 
     slots: Annotated[tuple[int, ...], Field(min_length=N_LEGS, max_length=N_LEGS)]
     score: float
-    outcome: Annotated[dict[str, Any], _as(_Outcome)] = field(repr=False)
+    outcome: Annotated[dict[str, Any], AfterValidator(_is_result)] = field(repr=False)
     path_m: list[_Point] = field(repr=False)
     recording: str | None = field(repr=False)
     margin_m: float | None = field(default=None, repr=False)
@@ -139,9 +121,7 @@ class WalkRecord:
         return {
             "slots": list(self.slots),
             "score": self.score if self.valid else None,
-            **{name: outcome[name] for name in ("deviation_m", "distance_m", "yaw_change_deg", "status")},
-            **{name: outcome[name] for name in ("stopped", "clipped_ticks", "hold", *QUALITIES, "trim_deg")},
-            "turn_trim_deg_s": outcome["turn_trim_deg_s"],
+            **{name: outcome[name] for name in PRINTED},
             "walked_s": outcome["duration_s"],
             "margin_m": None if self.margin_m is None else round(self.margin_m, 4),
             "stride": None if self.stride is None else asdict(self.stride),
