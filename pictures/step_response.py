@@ -120,11 +120,11 @@ def _left_of(along: FloatArray) -> FloatArray:
 def respond(robot_name: str, failed_leg: int | None, *, shift_m: float, turn_rad: float) -> Response:
     """Walk on the flat floor with the stable gait and exact sensors, and step the course on the way."""
     robot = load_robot(robot_name)
-    failure = None if failed_leg is None else Failure(leg=failed_leg)
+    failures = () if failed_leg is None else (Failure(leg=failed_leg),)
     cycle_ticks = round(1 / robot.gait.pace_hz / PERIOD_S)
     plan = TrialPlan(
         gait=make_gait(robot, "demo"),
-        belief=failure,
+        failures=failures,
         self_rotation="none",
         hold="line",
         duration_s=(STEP_AT_CYCLES + AFTER_CYCLES) * cycle_ticks * PERIOD_S,
@@ -136,9 +136,9 @@ def respond(robot_name: str, failed_leg: int | None, *, shift_m: float, turn_rad
         walks.append(SteppedWalk(start, at_step=at_step, shift_m=shift_m, turn_rad=turn_rad))
         return walks[0]
 
-    with Guard(SimServos(robot, failure=failure)) as guard:
+    with Guard(SimServos(robot, failures=failures)) as guard:
         run_trial(guard, plan, made, (log,), soft_stop=False)
-    name = robot_name if failure is None else f"{robot_name}, leg {failure.leg} {failure.kind}"
+    name = ", ".join([robot_name, *(f"leg {failure.leg} {failure.kind}" for failure in failures)])
     stride_m = plan.gait.strokes_per_cycle * plan.gait.amplitude * robot.size_m
     return _response(name, log, walks[0].course, cycle_ticks=cycle_ticks, stride_m=stride_m)
 

@@ -95,16 +95,6 @@ def test_an_invalid_trial_is_behind_every_valid_one(name: str, status: str) -> N
     assert objective(replace(WALKED, distance_m=1e-30)) <= WORST_VALID_SCORE < INVALID_SCORE
 
 
-def test_a_function_is_an_objective_by_its_path() -> None:
-    objective = make_objective(f"{__name__}:yaw")
-    assert (objective.name, objective.label, objective.unit) == (
-        f"{__name__}:yaw",
-        "Heading lost during the walk",
-        "rad",
-    )
-    assert objective(WALKED) == pytest.approx(0.1)
-
-
 @pytest.mark.parametrize("score", [math.nan, math.inf, None, "far"])
 def test_a_score_that_is_not_a_finite_number_is_refused(score: object) -> None:
     objective = as_objective(lambda _: score, "mine")
