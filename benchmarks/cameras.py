@@ -9,7 +9,7 @@ from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from benchmarks.see_floor import floor_errors
 from hexctl.simulators.camera.rendering import FOV_DEG
-from hexctl.simulators.camera.twin_camera import LOOK_AT_M, POSITION_M
+from hexctl.simulators.camera.usual_camera import LOOK_AT_M, POSITION_M
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.lens import Lens
 

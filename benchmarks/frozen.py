@@ -33,7 +33,7 @@ from hexctl.simulators.camera.rendering import (
     SceneRenderer,
     tag_on,
 )
-from hexctl.simulators.camera.twin_camera import LOOK_AT_M, NOISE, POSITION_M
+from hexctl.simulators.camera.usual_camera import LOOK_AT_M, NOISE, POSITION_M
 from hexctl.types import JOINTS_PER_LEG, N_JOINTS, FloatArray, RobotState
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.tags import Picture, TagFinder

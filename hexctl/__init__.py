@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from hexctl.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from hexctl import testing, vision
     from hexctl.adapt.adaptation import Adaptation, adapt
     from hexctl.adapt.objectives import Objective
     from hexctl.adapt.optimizer import Optimizer
@@ -73,10 +72,6 @@ __all__ = [
     # errors
     "HexctlError", "InputError", "MissingExtraError", "ReachError", "LimitError", "EStopError",
     "RobotFaultError",
-    # a camera over the floor, with its own names
-    "vision",
-    # conformance suites for custom servos and optimizers; they need pytest
-    "testing",
 ]
 # fmt: on
 
@@ -85,7 +80,7 @@ _load = lazy_names(__name__, __file__, __all__)
 
 def __getattr__(name: str) -> Any:
     """Import a public name from its module; the packages `adapt` and `export` are callable."""
-    if name in ("adapt", "export", "vision", "testing"):
+    if name in ("adapt", "export"):
         return import_module(f"hexctl.{name}")
     return _load(name)
 

@@ -11,11 +11,10 @@ if TYPE_CHECKING:
     from hexctl.control.monitor.recovery import Recovery, Response
     from hexctl.control.preparation import WalkStart
     from hexctl.robot.loader import load_robot_file
-    from hexctl.study.recovery.methods import RecoveryMethod
 
 # fmt: off
 __all__ = [
-    "WalkStart", "Recovery", "Response", "recovering_walk", "RecoveryMethod",
+    "WalkStart", "Recovery", "Response", "recovering_walk",
     "WallClock", "check_connected", "check_targets", "load_robot_file",
 ]
 # fmt: on

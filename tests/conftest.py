@@ -4,7 +4,9 @@ import gc
 import os
 import re
 import signal
+import tomllib
 from collections.abc import Iterator
+from importlib.metadata import entry_points
 from itertools import chain, combinations
 from pathlib import Path
 
@@ -31,6 +33,18 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 settings.register_profile("local", deadline=None, derandomize=True, max_examples=25)
 settings.register_profile("thorough", deadline=None, derandomize=True, max_examples=100)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "local"))
+
+
+def pytest_sessionstart() -> None:
+    """An editable installation keeps the entry points of the day it was made."""
+    text = (Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8")
+    for group, wanted in tomllib.loads(text)["project"]["entry-points"].items():
+        found = {one.name: one.value for one in entry_points(group=group)}
+        if not wanted.items() <= found.items():
+            refresh = "python -c 'from setuptools import setup; setup(packages=[])' -q egg_info"
+            pytest.exit(
+                f"{group}: installed are the entry points of another pyproject.toml: make setup, or {refresh}"
+            )
 
 
 @pytest.hookimpl(wrapper=True)

@@ -7,7 +7,7 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
     "": 2_440,
-    "adapt": 7_650,
+    "adapt": 7_660,
     "backends": 10_680,
     "cli": 6_940,
     "client": 1_020,
@@ -23,11 +23,11 @@ CEILINGS = {
     "robot": 6_870,
     "runs": 1_100,
     "server": 3_980,
-    "simulators": 3_170,
-    "study": 6_840,
+    "simulators": 3_325,
+    "study": 6_985,
     "teleop": 1_960,
     "testing": 650,
-    "vision": 4_670,
+    "vision": 4_835,
     "wire": 3_320,
 }
 

@@ -15,10 +15,8 @@ from hexctl.adapt.optimizers.optimizer_registry import make_optimizer, name_of
 from hexctl.adapt.optimizers.shipped import BAYES, NAMES, STRIDES, TRIM
 from hexctl.adapt.prior.prior_choice import (
     DEFAULT_TARGET_M,
-    Advice,
     Contradictions,
     choose_prior,
-    no_advice,
     refuse,
 )
 from hexctl.adapt.prior.prior_files import prior_folders
@@ -50,15 +48,12 @@ PACKAGES = ("hexctl", "mujoco", "numpy")
 LEAST_S = RAMP_DURATION_S + 2.0
 
 
-def new_spec(
-    *, folder: Path = RUNS, note: Note = log_note, advice: Advice = no_advice, **asked: Any
-) -> SessionSpec:
+def new_spec(*, folder: Path = RUNS, note: Note = log_note, **asked: Any) -> SessionSpec:
     """Spec of a new session, checked before the session exists.
 
     Args:
         folder: of custom priors, and of the measured uncertainty of the simulation.
         note: called with the reason for a missing prior or uncertainty.
-        advice: describes how to make the missing prior.
         asked: fields of `AdaptOptions`.
 
     Raises InputError for invalid input.
@@ -85,9 +80,7 @@ def new_spec(
                 f"{argument('optimizer')} {BAYES}"
             )
         return spec
-    return choose_prior(
-        spec, setting, prior, free=free, folders=prior_folders(folder), note=note, advice=advice
-    )
+    return choose_prior(spec, setting, prior, free=free, folders=prior_folders(folder), note=note)
 
 
 def _in_its_setting(spec: SessionSpec, body_raise: float | None) -> tuple[SessionSpec, Setting]:

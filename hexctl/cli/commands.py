@@ -5,15 +5,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A command as the help lists it, and the folder of its module in `hexctl.cli`; None for a plug-in."""
+    """A command as the help lists it; its module is in a folder of `hexctl.cli`, or behind an entry point."""
 
     folder: str | None
     panel: str
     summary: str
 
 
-#: Commands by group and in the order of the help: folder in `hexctl.cli`, and summary.
-GROUPS = {
+#: Commands by group and in the order of the help: folder in `hexctl.cli` or None, and summary.
+GROUPS: dict[str, dict[str, tuple[str | None, str]]] = {
     "Walk and adapt": {
         "run": ("walk", "Walk, record the walk, and report the result."),
         "adapt": ("walk", "Find a gait for a failed leg in few trials; each is kept and recorded."),
@@ -40,7 +40,7 @@ GROUPS = {
             "Find stiffness, damping, rotor inertia, friction and dead time of a robot's servos.",
         ),
         "see": (
-            "network",
+            None,
             "Measure a robot's position with a camera and printed tags, and send it to the robot, "
             "until Ctrl-C.",
         ),
@@ -54,7 +54,7 @@ GROUPS = {
             "bus",
             "Scan, identify and set up the servos of a serial bus, with or without a robot file.",
         ),
-        "sim": ("network", "Simulate servo boards, servo buses and a camera, and let simulated legs fail."),
+        "sim": (None, "Simulate servo boards, servo buses and a camera, and let simulated legs fail."),
     },
     "Over the network": {
         "serve": (
@@ -70,10 +70,10 @@ GROUPS = {
     },
     "Simulate a lot": {
         "study": (
-            "study",
+            None,
             "Repeat the paper's experiments: all gaits of each failed leg, all optimizers, one report.",
         ),
-        "prior": ("study", "Make and show priors: what hexctl adapt believes before its first trial."),
+        "prior": (None, "Make and show priors: what hexctl adapt believes before its first trial."),
     },
 }
 

@@ -109,9 +109,11 @@ def arena_fields(arena: float | Path | None, robot: str | None) -> dict[str, Any
     if not isinstance(arena, Path):
         return {"arena_m": arena}
     from hexctl.robot.loader import load_robot
-    from hexctl.vision import place
+    from hexctl.robot.plugins import find_plugin
 
-    (x_m, y_m), radius_m = place.arena_of(place.load_place(arena), load_robot(robot or "ant"))
+    if (reader := find_plugin("arenas", "place")) is None:
+        raise InputError(f"--arena: got {arena}; allowed: a radius, because hexctl.vision is not installed")
+    (x_m, y_m), radius_m = reader.load()(arena, load_robot(robot or "ant"))
     radius_m = math.floor(100 * radius_m) / 100
     print_message(
         f"the robot is kept within {radius_m:g} m of {x_m:.2f}, {y_m:.2f} m, where the camera of "

@@ -35,6 +35,7 @@ def read_plugins(commands: Container[str] = ()) -> tuple[PluginFound, ...]:
         "optimizers": (NAMES, Optimizer),
         "recoveries": (RECOVERIES, Recovery),
         "commands": (commands, Callable),
+        "arenas": ((), Callable),
     }
     return tuple(
         PluginFound(

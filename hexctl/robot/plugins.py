@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 MadeT = TypeVar("MadeT")
 
 #: What plug-ins may be: the last word of a group of entry points.
-Door = Literal["servos", "families", "optimizers", "recoveries", "commands"]
+Door = Literal["servos", "families", "optimizers", "recoveries", "commands", "arenas"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,7 @@ from hexctl.study.experiment import Experiment, Result
 from hexctl.study.held_out_experiment import HeldOutExperiment
 from hexctl.study.hold_plan import HoldPlan
 from hexctl.study.paper.matrix import FAILURES, ROBOTS, TIME_STEPS_S, WORLDS, MatrixPlan, cells_of
+from hexctl.study.paper.paper_study import PaperStudy
 from hexctl.study.paper.study_plan import StudyPlan
 from hexctl.study.plan import PlannedWork, check_each
 from hexctl.study.recovery import recovery_plan
@@ -49,8 +50,8 @@ def planned_study(options: StudyOptions, *, runs: Path | None = None) -> Planned
     return PlannedWork(plan=plan, options=options, begin=partial(plan.run, folder))
 
 
-def _paper(options: StudyOptions, _runs: Path) -> StudyPlan:
-    return StudyPlan(
+def _paper(options: StudyOptions, _runs: Path) -> PaperStudy:
+    return PaperStudy(
         robot=load_robot(options.robot or "ant"),
         world=load_world(options.world or DEFAULT_WORLD),
         **_values(options, StudyPlan),

@@ -236,6 +236,11 @@ def arena_of(place: Place, robot: Robot) -> tuple[tuple[float, float], float]:
     return visible_circle(place.viewpoint, height_m, place.tag.edge_m)
 
 
+def arena_of_file(path: Path, robot: Robot) -> tuple[tuple[float, float], float]:
+    """`arena_of` the place of a file; raises InputError also for a bad file."""
+    return arena_of(load_place(path), robot)
+
+
 def load_place(path: str | Path) -> Place:
     """Place of a file, whose lens is there. Raises InputError, by key, for anything else."""
     path = Path(path)

@@ -26,7 +26,7 @@ from hexctl.vision.place import (
     load_place,
     save_place,
 )
-from hexctl.vision.robot_camera import RobotCamera
+from hexctl.vision.place_options import PlaceOptions
 from hexctl.vision.sheet import BAR_MM
 from hexctl.vision.video.videos import VideoSource
 
@@ -55,7 +55,7 @@ PLACING_PICTURES = 8
 ELSEWHERE_M, ELSEWHERE_RAD = 0.02, math.radians(0.5)
 
 
-def known_place(given: RobotCamera) -> Place | None:
+def known_place(given: PlaceOptions) -> Place | None:
     """The place of the file, if there is one; raises InputError for options that contradict it."""
     path = Path(given.place)
     known = load_place(path) if path.exists() else None
@@ -67,7 +67,7 @@ def known_place(given: RobotCamera) -> Place | None:
 
 
 def found_place(
-    given: RobotCamera,
+    given: PlaceOptions,
     known: Place | None,
     video: VideoSource,
     robot: Robot,
@@ -138,7 +138,7 @@ def _searched(
         raise RobotFaultError(f"camera {video.name} sends no pictures")
 
 
-def check_known(given: RobotCamera, place: Place, path: Path) -> None:
+def check_known(given: PlaceOptions, place: Place, path: Path) -> None:
     """Raise InputError for an option that a known place contradicts; its bar may differ (`measured`)."""
     numbers = given.sheet.floor_edges_mm
     # Tags that it never saw cannot be compared.
@@ -193,7 +193,7 @@ def measured(place: Place, bar_mm: float | None) -> tuple[Place, tuple[str, ...]
 
 
 def learned_place(
-    given: RobotCamera,
+    given: PlaceOptions,
     corners_px: CornersPx,
     size_px: tuple[int, int],
     robot: Robot,
@@ -231,7 +231,7 @@ def learned_place(
     return place, (*unseen, *floor.doubts, *(BAR_DOUBT,) * (given.bar_mm is None and before is None))
 
 
-def _new_options(given: RobotCamera, robot: Robot, before: Place | None) -> dict[str, Any]:
+def _new_options(given: PlaceOptions, robot: Robot, before: Place | None) -> dict[str, Any]:
     """Options of a new place: as given, else those of the place before, else usual ones."""
     usual = asdict(given.sheet) | {"lens": None, "fov_deg": USUAL_FOV_DEG, "bar_mm": BAR_MM}
     usual |= {"tag_height_mm": 1000 * robot.body.size_m[2] / 2}
@@ -247,7 +247,7 @@ def _new_options(given: RobotCamera, robot: Robot, before: Place | None) -> dict
     return usual | sources[0] | sources[1]
 
 
-def _edges_mm(given: RobotCamera, before: Place | None, options: Mapping[str, Any]) -> dict[int, float]:
+def _edges_mm(given: PlaceOptions, before: Place | None, options: Mapping[str, Any]) -> dict[int, float]:
     """Edges of the floor's tags as the sheet names them, by number; new ones are as those before."""
     numbers = set(given.sheet.floor_edges_mm)
     known = {} if before is None else {number: tag.edge_mm for number, tag in before.floor_tags.items()}

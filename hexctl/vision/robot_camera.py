@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from hexctl.errors import InputError, argument
-from hexctl.options import RARE, Panel, Range, Typed
-from hexctl.vision.camera_options import LATENCY_MS, CameraOptions, check_folder, check_new_file
-from hexctl.vision.sheet import BAR_LENGTH_MM, EDGE_MM, FLOOR_TAGS, TAG, Sheet
+from hexctl.options import RARE, Panel, Typed
+from hexctl.vision.camera_options import check_new_file
+from hexctl.vision.place_options import PlaceOptions
 from hexctl.waiting import StopRequested, never
 from hexctl.wire.page_address import PageAddress
 
@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from hexctl.vision.estimation.pose_filter import PoseEstimate
     from hexctl.vision.place import Place
     from hexctl.vision.pose_stream import CameraReport, CameraStatus
-
-FOV_DEG = Range(low=10, high=150, unit="deg")
-HEIGHT_MM = Range(low=-500, high=1000, unit="mm")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,68 +45,13 @@ class CameraStarted:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotCamera(CameraOptions):
+class RobotCamera(PlaceOptions):
     """Locate a robot with a camera over the floor and send it its pose.
 
         RobotCamera(camera="0", connect="tcp/127.0.0.1:7447").run(stop_requested)
 
     If the place file does not exist, the place is learned first. Options that describe a new place must agree
     with a known one.
-    """
-
-    camera: Annotated[str | int | Path | None, Typed(parse=str)] = None
-    """Camera: its number such as 0, its device, the address of a stream (http:// or rtsp://), or a video
-    file. (default: none, required)
-    """
-
-    place: str | Path = Path("place.yaml")
-    """YAML file with the floor's tags and the camera; made by looking if it is missing."""
-
-    relearn: bool = False
-    """Learn the tags on the floor again, in place of the file's."""
-
-    lens: str | Path | None = None
-    """Calibration of the lens, for a new place. (default: that of the place, else one without distortion, of
-    --fov-deg)
-    """
-
-    fov_deg: Annotated[float | None, FOV_DEG, Typed(flag="fov-deg"), RARE] = None
-    """Degrees from the left to the right edge, without a calibration, for a new place, {}. (default: those of
-    the place, else 67)
-    """
-
-    bar_mm: Annotated[float | None, BAR_LENGTH_MM, RARE] = None
-    """Millimetres that the bar of the sheet measures, {}; scales the place. (default: that of the place, else
-    100)
-    """
-
-    robot_tag: Annotated[int | None, TAG, RARE] = None
-    """Number of the robot's tag, a whole number, {}, and none of the floor's. (default: that of the place,
-    else 10)
-    """
-
-    robot_edge_mm: Annotated[float | None, EDGE_MM, RARE] = None
-    """Edge of the robot's tag in millimetres, {}. (default: that of the place, else 100)"""
-
-    home_edge_mm: Annotated[float | None, EDGE_MM, RARE] = None
-    """Edge of the floor's tag 0 in millimetres, {}. (default: that of the place, else 110)"""
-
-    floor_tags: Annotated[int | None, FLOOR_TAGS, RARE] = None
-    """Further tags on the floor, numbered from 1, a whole number, {}. (default: those of the place, else
-    3)
-    """
-
-    floor_edge_mm: Annotated[float | None, EDGE_MM, RARE] = None
-    """Edge of further tags in millimetres, {}. (default: that of the place, else 160)"""
-
-    tag_height_mm: Annotated[float | None, HEIGHT_MM, RARE] = None
-    """Millimetres of the robot's tag above the origin of its body, for a new place, {}. (default: those of
-    the place, else the top of its trunk)
-    """
-
-    latency_ms: Annotated[float | None, LATENCY_MS, RARE, Panel("Camera")] = None
-    """Milliseconds from what the camera sees to its picture's arrival, {}. (default: those of the place, else
-    80)
     """
 
     robot: str | None = None
@@ -134,18 +76,11 @@ class RobotCamera(CameraOptions):
     """New CSV file with the pose of each picture. (default: none)"""
 
     def __post_init__(self) -> None:
-        CameraOptions.__post_init__(self)
-        _ = self.sheet, self.page_address
+        PlaceOptions.__post_init__(self)
+        _ = self.page_address
         for name in ("output", "poses"):
             if (path := getattr(self, name)) is not None:
                 check_new_file(name, path)
-        check_folder("place", self.place)
-
-    @property
-    def sheet(self) -> Sheet:
-        """The printed sheet, with the given values; raises InputError for one that cannot be."""
-        names = ("robot_tag", "robot_edge_mm", "home_edge_mm", "floor_tags", "floor_edge_mm")
-        return Sheet(**{name: value for name in names if (value := getattr(self, name)) is not None})
 
     @property
     def page_address(self) -> PageAddress | None:

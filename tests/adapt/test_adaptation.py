@@ -234,7 +234,7 @@ FOUND = SimulationUncertainty(step_m=0.03, solver_m=0.04, contact_m=0.1, walks=7
 
 
 def spec_of(folder: Path, notes: list[str], **options: object) -> SessionSpec:
-    return new_spec(failed_leg=5, prior="none", folder=folder, note=notes.append, **options)  # type: ignore[arg-type]
+    return new_spec(failed_leg=5, prior="none", folder=folder, note=notes.append, **options)
 
 
 def test_a_simulated_session_stores_the_uncertainty_that_was_measured(tmp_path: Path) -> None:

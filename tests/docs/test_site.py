@@ -12,6 +12,7 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from pydoc import locate
+from typing import get_args
 
 import pytest
 import yaml
@@ -22,6 +23,7 @@ import hexctl.extension
 import hexctl.testing
 import hexctl.vision
 from hexctl.gait.encoding import slots_from_code
+from hexctl.robot.plugins import Door
 from hexctl.settings import FILE as SETTINGS_FILE
 from pictures.rescue import RACE
 from pictures.step_response import SHIFT_M, TURN_RAD, respond
@@ -126,11 +128,10 @@ def test_every_public_name_is_in_the_reference() -> None:
     described = described_names()
     assert len(set(described)) == len(described)
     packages = {"adapt": "adapt.adaptation.adapt", "export": "export.export.export"}
-    own = set(hexctl.__all__) - {"testing", "vision"}
     seen = {f"vision.{name}" for name in hexctl.vision.__all__}
     suites = {f"testing.{name}" for name in hexctl.testing.__all__}
     extension = {f"extension.{name}" for name in hexctl.extension.__all__}
-    assert {packages.get(name, name) for name in own} | seen | suites | extension <= set(described)
+    assert {packages.get(name, name) for name in hexctl.__all__} | seen | suites | extension <= set(described)
     overview = (DOCS / "api" / "index.md").read_text(encoding="utf-8")
     listed = [name for line in overview.splitlines() if line[:2] == "| " for name in QUOTED.findall(line)]
     assert sorted(listed) == sorted(hexctl.__all__)  # the page of a package lists its names
@@ -169,7 +170,8 @@ TO_BE_WRITTEN = ("NAME", "NAME-locked-rear-30s")
 @pytest.mark.parametrize("page", [*PAGES, *REFERENCE], ids=lambda page: page.name)
 def test_the_names_of_modules_and_files_exist(page: Path) -> None:
     text = re.sub(r"\]\([^)]*\)", "", page.read_text(encoding="utf-8"))
-    for name in set(re.findall(r"\bhexctl(?:\.\w+)+", text)) - {SETTINGS_FILE}:
+    groups = {f"hexctl.{door}" for door in get_args(Door)}
+    for name in set(re.findall(r"\bhexctl(?:\.\w+)+", text)) - {SETTINGS_FILE} - groups:
         assert exists(name) or name.endswith(TO_BE_WRITTEN), name
     for path in re.findall(r"(?<![/:\w])(?:hexctl|tests|benchmarks|configs|examples)/[\w/.-]*\w", text):
         there = any((ROOT / path).parent.glob(f"{Path(path).name}*"))
@@ -202,33 +204,6 @@ def test_the_figures_are_what_their_script_makes(tmp_path: Path, script: str) ->
         kept = (DOCS / "images" / name).read_text(encoding="utf-8")
         # Other versions of matplotlib draw the same with other bytes; the number of shapes tells.
         assert abs(drawn.count("<path") - kept.count("<path")) <= 0.1 * kept.count("<path"), name
-
-
-def imports() -> dict[str, set[str]]:
-    """Which parts of hexctl each part imports; the modules beside the parts are for all of them."""
-    found: dict[str, set[str]] = {}
-    for path in (ROOT / "hexctl").glob("*/**/*.py"):
-        part = path.relative_to(ROOT / "hexctl").parts[0]
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("hexctl."):
-                found.setdefault(part, set()).add(str(node.module).split(".")[1])
-    common = {path.stem for path in (ROOT / "hexctl").glob("*.py")}
-    return {part: used - {part} - common for part, used in found.items()}
-
-
-@pytest.mark.slow
-def test_the_layout_page_tells_who_imports_whom() -> None:
-    rows = re.findall(
-        r"^\| `(\w+)` \|([a-z, ]*)\|$",
-        (DOCS / "explanation" / "architecture.md").read_text(encoding="utf-8"),
-        re.MULTILINE,
-    )
-    told = {part: set(names.replace(",", " ").split()) for part, names in rows}
-    assert told == imports()
-    seen: set[str] = set()
-    for part, _names in rows:  # each row imports rows above it only
-        assert told[part] <= seen, part
-        seen.add(part)
 
 
 def test_the_citation_is_complete_and_of_this_version() -> None:

@@ -7,8 +7,8 @@ import numpy as np
 from hexctl.backends.sim.world import World
 from hexctl.control.trial_plan import SelfRotation
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec
+from hexctl.study.paper.paper_study import PaperStudy
 from hexctl.study.paper.searches import Findings, search_all
-from hexctl.study.paper.study_plan import StudyPlan
 from hexctl.study.walking import Silent
 from hexctl.types import FloatArray
 from tests.robots import shipped
@@ -71,7 +71,7 @@ def made_up_findings(
     Paths are those of a second, whatever the duration: no number depends on them.
     """
     left = left or {1: 0.5, 2: 1.0, 3: 1.0, 4: 0.5, 5: 0.0, 6: 0.0}
-    plan = StudyPlan(
+    plan = PaperStudy(
         robot=shipped(), legs=legs, optimizers=optimizers, runs=runs, budget=budget, duration_s=duration_s
     )
     landscapes = []

@@ -15,9 +15,9 @@ from hexctl.palette import INVALID_COLOR, deviation_color
 from hexctl.study.experiment import where
 from hexctl.study.hold_plan import HoldPlan
 from hexctl.study.paper.claims import claims_of
+from hexctl.study.paper.paper_study import PaperStudy
 from hexctl.study.paper.searches import Findings, curve_of
 from hexctl.study.paper.study_figures import trajectories_figure
-from hexctl.study.paper.study_plan import StudyPlan
 from hexctl.study.planned_study import planned_study
 from hexctl.study.priors.prior_options import PriorOptions
 from hexctl.study.report_page import Block, Bullets, Picture, Section, Table, render_page
@@ -72,7 +72,7 @@ def test_what_a_kind_does_not_take_is_refused(kind: type, options: dict[str, Any
 
 
 def test_the_default_is_the_papers_study() -> None:
-    default = StudyPlan(robot=shipped())
+    default = PaperStudy(robot=shipped())
     default.check()
     assert planned_study(StudyOptions()).plan == default
     assert set(TAKEN_BY) <= {option.name for option in options_of(StudyOptions)}
@@ -86,18 +86,18 @@ def test_the_default_is_the_papers_study() -> None:
 
 
 def test_more_worlds_walk_one_leg_of_each_experiment() -> None:
-    here, there = StudyPlan(robot=shipped(), worlds=2).specs_by_world()
+    here, there = PaperStudy(robot=shipped(), worlds=2).specs_by_world()
     assert len(here) == 12
     assert [(spec.leg, spec.self_rotation) for spec in there] == [
         (1, "none"), (1, "rear"), (2, "none"), (3, "none"), (4, "none")
     ]  # fmt: skip
     assert there[0].world != here[0].world
-    sparse = StudyPlan(robot=shipped(), by_symmetry=True, without_gaits=40).specs()
+    sparse = PaperStudy(robot=shipped(), by_symmetry=True, without_gaits=40).specs()
     assert [len(spec.codes) for spec in sparse] == [40, 120, 40, 40, 40]
 
 
-def small_plan() -> StudyPlan:
-    return StudyPlan(
+def small_plan() -> PaperStudy:
+    return PaperStudy(
         robot=shipped(), legs=(2,), optimizers=("pso", "random"), runs=2, budget=3, duration_s=0.2
     )
 
@@ -141,7 +141,7 @@ def test_a_folder_with_other_things_is_refused(tmp_path: Path) -> None:
 )
 def test_what_is_not_allowed_is_refused(options: dict[str, Any], field: str) -> None:
     with pytest.raises((InputError, WrongTypeError), match=field):
-        StudyPlan(**{"robot": shipped(), **options}).check()
+        PaperStudy(**{"robot": shipped(), **options}).check()
 
 
 HOSTILE = '<script>alert("a & b")</script>'
@@ -190,6 +190,7 @@ def findings() -> Findings:
 @pytest.fixture(scope="module")
 def folder(findings: Findings, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("study")
+    assert isinstance(findings.plan, PaperStudy)
     findings.plan.write(findings, folder)
     return folder
 

@@ -15,8 +15,20 @@ from hexctl.archive import ArchiveKind, content_digest
 from hexctl.control.planning.static_stability import stood_up
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.posture import STANCE
+from hexctl.options import Range
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
+
+#: A shorter walk consists mostly of the soft start.
+PRIOR_DURATION_S = Range(low=6, unit="s")
+
+#: Walks last multiples of this: the ten checkpoints then fall on kept points of the path, five per second.
+WHOLE_S = 2.0
+
+
+def in_whole_steps(duration_s: float) -> bool:
+    """Whether a finite duration is a multiple of `WHOLE_S`."""
+    return abs(duration_s / WHOLE_S - round(duration_s / WHOLE_S)) < 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)

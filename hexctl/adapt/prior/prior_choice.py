@@ -1,12 +1,13 @@
 """Choice of a session's prior: none, the requested one, or the first that fits."""
 
-from collections.abc import Callable, Iterator
+import shlex
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, SIMULATED_NOISE_M
 from hexctl.adapt.optimizers.shipped import BAYES, TRIM
-from hexctl.adapt.prior.prior import KIND, SCORES
+from hexctl.adapt.prior.prior import KIND, PRIOR_DURATION_S, SCORES, in_whole_steps
 from hexctl.adapt.prior.prior_files import check_prior, find_prior, named_prior
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.setting import Note, Setting
@@ -14,14 +15,6 @@ from hexctl.errors import InputError, argument
 
 #: The paper's finer deviation: the target of `bayes` unless told otherwise.
 DEFAULT_TARGET_M = 0.025
-
-#: Ends a sentence on a missing prior with how to make one; empty where none can be made.
-Advice = Callable[[SessionSpec], str]
-
-
-def no_advice(_spec: SessionSpec) -> str:
-    """No advice, the default of `Advice`."""
-    return ""
 
 
 def choose_prior(
@@ -32,7 +25,6 @@ def choose_prior(
     free: bool,
     folders: list[Path],
     note: Note,
-    advice: Advice,
 ) -> SessionSpec:
     """Spec with its optimizer and prior: `trim`, or `bayes` if a prior is wanted and fits.
 
@@ -42,7 +34,6 @@ def choose_prior(
         free: whether no optimizer was requested; then, and with trim, a missing prior is no error.
         folders: searched for priors, in this order.
         note: called with the reason if a session has no prior.
-        advice: describes how to make the missing prior.
 
     Raises InputError for options that contradict one another, and for a prior that does not fit.
     """
@@ -60,12 +51,30 @@ def choose_prior(
         if found.path is not None:
             return _with_prior(spec, found.path)
         reason = found.reason
-    needed = spec.optimizer == BAYES and not free
+    needed, build = spec.optimizer == BAYES and not free, _how_to_build(spec)
     if needed or named or spec.early_stop or spec.worth_m is not None:
-        raise InputError(f"{argument('prior')}: there is none for these trials ({reason}){advice(spec)}")
+        raise InputError(f"{argument('prior')}: there is none for these trials ({reason}){build}")
     if spec.hold == "none" or spec.optimizer != TRIM:
-        note(f"no prior for these trials ({reason}); searching with {spec.optimizer} instead{advice(spec)}")
+        note(f"no prior for these trials ({reason}); searching with {spec.optimizer} instead{build}")
     return spec
+
+
+def _how_to_build(spec: SessionSpec) -> str:
+    """The command that builds a prior for a session's trials, as the end of a sentence; empty if none can."""
+    long_enough = spec.duration_s >= PRIOR_DURATION_S.low and in_whole_steps(spec.duration_s)
+    if _other_objective(spec) or spec.heading_rad or not long_enough:
+        return ""
+    hold = "line" if spec.hold == "auto" else spec.hold
+    rotation = "none" if hold == "line" else "rear"
+    values = (
+        ("robot", spec.robot, "ant"),
+        ("failure", str(spec.broken), "locked"),
+        ("hold", hold, "none"),
+        ("self-rotation", spec.self_rotation, rotation),
+        ("duration", f"{spec.duration_s:g}", "30"),
+    )
+    words = [f" --{flag} {shlex.quote(text)}" for flag, text, usual in values if text != usual]
+    return f"; this makes one: hexctl prior build{''.join(words)}"
 
 
 def _other_objective(spec: SessionSpec) -> str:

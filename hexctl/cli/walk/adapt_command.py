@@ -149,9 +149,8 @@ def _begun(asked: dict[str, Any]) -> "tuple[Callable[..., Adaptation], SessionSp
     from hexctl.adapt.adaptation import Adaptation
     from hexctl.adapt.search import new_spec
     from hexctl.cli.prompts import check_answerable
-    from hexctl.study.priors.prior_building import how_to_build_prior
 
-    spec = new_spec(**asked, folder=runs_folder(), note=print_message, advice=how_to_build_prior)
+    spec = new_spec(**asked, folder=runs_folder(), note=print_message)
     if spec.ask:
         check_answerable()
     return partial(Adaptation, spec), spec

@@ -15,7 +15,7 @@ from hexctl.robot.formats.link_frames import BASE_LINK
 from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import about_z
-from hexctl.simulators.camera.twin_camera import BLUR_PX, LOOK_AT_M, NOISE, POSITION_M
+from hexctl.simulators.camera.usual_camera import BLUR_PX, LOOK_AT_M, NOISE, POSITION_M
 from hexctl.types import ArrayFields, FloatArray
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.lens import Lens

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from queue import Queue
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,9 +15,6 @@ from hexctl.simulators.camera.posture_history import PostureHistory
 from hexctl.simulators.camera.rendering import RobotPosture, SceneRenderer
 from hexctl.vision.detection.planar_pose import PlacedTag
 from hexctl.vision.detection.tags import Picture
-
-if TYPE_CHECKING:
-    from hexctl.simulators.camera.twin_camera import TwinCamera
 
 #: Maximum number of pictures in flight; a faster camera waits.
 MOST_WAITING = 8
@@ -36,6 +33,17 @@ JUDGED_AFTER_S, LEAST_SHARE = 5.0, 0.9
 
 #: Time without a true pose after which the robot counts as silent.
 SILENT_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class PictureFlow:
+    """How pictures come: per second, how late, the lost fraction, faults as texts, and the seed."""
+
+    fps: float
+    latency_ms: float
+    drop: float
+    faults: tuple[str, ...]
+    seed: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,16 +152,16 @@ class Shooting:
 
     def __init__(
         self,
-        options: "TwinCamera",
+        flow: PictureFlow,
         renderer: SceneRenderer,
         robot_tag: PlacedTag,
         history: PostureHistory,
         on_event: Callable[[str], None],
     ) -> None:
-        self._options, self._history, self._on_event = options, history, on_event
+        self._flow, self._history, self._on_event = flow, history, on_event
         self._still, self._renderer, self._tag = renderer.camera, renderer, robot_tag
-        self._faults = tuple(map(parse_camera_fault, options.faults))
-        self._random = np.random.default_rng(options.seed)
+        self._faults = tuple(map(parse_camera_fault, flow.faults))
+        self._random = np.random.default_rng(flow.seed)
         self._drawing_s = 0.03
         self._drawn = self._dropped = self._skipped = 0
         self._silent = self._told = False
@@ -179,7 +187,7 @@ class Shooting:
         )
 
     def _shoot(self, stop_requested: Callable[[], bool], started_s: float, delivery: Delivery) -> None:
-        period_s, number = 1 / self._options.fps, 0
+        period_s, number = 1 / self._flow.fps, 0
         while not stop_requested():
             now_s = time.monotonic()
             self._judge(now_s, now_s - started_s, delivery)
@@ -191,7 +199,7 @@ class Shooting:
             taken_at_s = started_s + newest * period_s
             self._skipped += newest - number
             number = newest + 1
-            due_at_s = taken_at_s + max(self._options.latency_ms / 1000, SETTLE_S + self._cost_s(delivery))
+            due_at_s = taken_at_s + max(self._flow.latency_ms / 1000, SETTLE_S + self._cost_s(delivery))
             if now_s + self._cost_s(delivery) > due_at_s + Delivery.LATE_S:
                 self._skipped += 1  # the next moment can be drawn in time
                 continue
@@ -201,7 +209,7 @@ class Shooting:
             develop = self._take(posture, taken_at_s - started_s)
             self._drawn += 1
             self._drawing_s += 0.2 * (time.monotonic() - now_s - self._drawing_s)
-            if self._random.random() < self._options.drop:
+            if self._random.random() < self._flow.drop:
                 self._dropped += 1
             else:
                 delivery.send(develop, taken_at_s, due_at_s)
@@ -237,9 +245,9 @@ class Shooting:
         self._told = True
         managed_fps = self._drawn / since_start_s
         least_ms = 1000 * (SETTLE_S + self._cost_s(delivery))
-        if managed_fps < LEAST_SHARE * self._options.fps:
+        if managed_fps < LEAST_SHARE * self._flow.fps:
             self._on_event(
-                f"this computer draws {managed_fps:.1f} of {self._options.fps:g} pictures a second in time"
+                f"this computer draws {managed_fps:.1f} of {self._flow.fps:g} pictures a second in time"
             )
-        if least_ms > self._options.latency_ms + 1000 * Delivery.LATE_S:
+        if least_ms > self._flow.latency_ms + 1000 * Delivery.LATE_S:
             self._on_event(f"pictures are {least_ms:.0f} ms late, as drawing takes that long")

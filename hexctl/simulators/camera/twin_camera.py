@@ -13,6 +13,7 @@ import numpy as np
 from hexctl.backends.robot_options import SEED
 from hexctl.errors import InputError, argument
 from hexctl.options import RARE, Panel, Range, Typed, check_fields
+from hexctl.simulators.camera.usual_camera import BLUR_PX, LOOK_AT_M, NOISE, POSITION_M
 from hexctl.vision.camera_options import FPS, LATENCY_MS, LinkedRobotOptions, parse_size
 from hexctl.waiting import StopRequested, never
 
@@ -32,13 +33,7 @@ SIZES_PX = (64, 4096)
 #: How far from the origin a camera stands and looks at the most, in m.
 MOST_M = 100.0
 
-#: Flaws of the pictures of a usual webcam: standard deviations of the noise, of 255, and of the blur.
-NOISE, BLUR_PX = 4.0, 0.7
-
 Point = tuple[float, float, float]
-
-#: Position of the camera and the point that it looks at, in m.
-POSITION_M, LOOK_AT_M = (-1.63, 0.0, 1.63), (0.0, 0.0, 0.0)
 
 
 def parse_point(text: str) -> Point:
@@ -173,7 +168,7 @@ class TwinCamera(LinkedRobotOptions):
         """
         from hexctl.simulators.camera.posture_history import followed_robot
         from hexctl.simulators.camera.rendering import FLOOR_TAGS, SceneRenderer, tag_on
-        from hexctl.simulators.camera.shooting import Shooting
+        from hexctl.simulators.camera.shooting import PictureFlow, Shooting
         from hexctl.vision.video.mjpeg import MjpegServer
 
         camera, link = self.camera(), self.load_link()
@@ -184,5 +179,6 @@ class TwinCamera(LinkedRobotOptions):
             MjpegServer(self.http_port) as server,
         ):
             on_started(TwinStarted(robot=robot.name, url=server.url, page_url=server.page_url))
-            shooting = Shooting(self, renderer, tag_on(robot), history, on_event)
+            flow = PictureFlow(self.fps, self.latency_ms, self.drop, tuple(self.faults), self.seed)
+            shooting = Shooting(flow, renderer, tag_on(robot), history, on_event)
             return shooting.run(stop_requested, server.publish)

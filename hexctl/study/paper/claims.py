@@ -27,7 +27,8 @@ from hexctl.study.paper.evidence import (
     share_text,
     too_short,
 )
-from hexctl.study.paper.searches import BASELINE, HEURISTICS, NULL_DRAWS, Findings
+from hexctl.study.paper.searches import NULL_DRAWS, Findings
+from hexctl.study.paper.study_plan import BASELINE, HEURISTICS
 from hexctl.study.paper.trajectory_claims import OF_WALKS, claim_of, experiment_text, make_claim
 from hexctl.study.report_page import texts
 from hexctl.types import FloatArray

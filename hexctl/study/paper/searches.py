@@ -12,24 +12,15 @@ from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.population import POPULATION
 from hexctl.adapt.space import GaitSpace
-from hexctl.control.trial_plan import SelfRotation
 from hexctl.study.experiment import where
 from hexctl.study.landscape import Landscape
 from hexctl.study.paper.evidence import Claim
 from hexctl.study.paper.leg_groups import landscape_by_symmetry
+from hexctl.study.paper.study_plan import HEURISTICS, WITHOUT, StudyPlan
 from hexctl.types import FloatArray
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-    from hexctl.study.paper.study_plan import StudyPlan
-
-#: The five optimizers of the paper, and the baseline.
-HEURISTICS = ("pso", "psosp", "dps", "debest", "derand")
-BASELINE = "random"
-
-#: Self-rotation of the landscapes without one.
-WITHOUT: SelfRotation = "none"
 
 #: Number of landscapes of random numbers that each landscape is compared with.
 NULL_DRAWS = 19
@@ -99,7 +90,7 @@ class Findings:
             other numbers for those in random numbers, see `null_runs`.
     """
 
-    plan: "StudyPlan"
+    plan: StudyPlan
     landscapes: dict[tuple[int, int, str], Landscape]
     runs: "DataFrame"
     claims: tuple[Claim, ...] = ()
@@ -147,7 +138,7 @@ class Findings:
 
 
 def search_all(
-    plan: "StudyPlan", landscapes: Sequence[Landscape], on_leg: Callable[[], None] = lambda: None
+    plan: StudyPlan, landscapes: Sequence[Landscape], on_leg: Callable[[], None] = lambda: None
 ) -> Findings:
     """Run every optimizer on every leg; `on_leg` is called after each leg.
 
@@ -171,7 +162,7 @@ def search_all(
 
 
 def _searches(
-    plan: "StudyPlan",
+    plan: StudyPlan,
     landscape: Landscape,
     world: int,
     optimizers: Sequence[str],
@@ -184,7 +175,7 @@ def _searches(
             yield {"world": world, "leg": leg, **row}
 
 
-def _of_all_legs(plan: "StudyPlan", walked: Sequence[Landscape]) -> dict[tuple[int, str], Landscape]:
+def _of_all_legs(plan: StudyPlan, walked: Sequence[Landscape]) -> dict[tuple[int, str], Landscape]:
     """Landscapes of all legs; those not simulated are images of others."""
     return {
         (leg, rotation): landscape_by_symmetry(

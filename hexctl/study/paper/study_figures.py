@@ -21,7 +21,8 @@ from hexctl.palette import (
 from hexctl.study.experiment import Drawing, where
 from hexctl.study.landscape import Landscape
 from hexctl.study.paper.evidence import EARLY_M, LATE_M, cm
-from hexctl.study.paper.searches import BASELINE, Findings
+from hexctl.study.paper.searches import Findings
+from hexctl.study.paper.study_plan import BASELINE
 from hexctl.types import FloatArray
 
 if TYPE_CHECKING:

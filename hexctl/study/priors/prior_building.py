@@ -4,44 +4,46 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES, Prior, PriorKey, ScorePrior, save_prior
+from hexctl.adapt.prior.prior import (
+    CHECKPOINTS,
+    PRIOR_DURATION_S,
+    WHOLE_S,
+    Prior,
+    PriorKey,
+    ScorePrior,
+    in_whole_steps,
+    save_prior,
+)
 from hexctl.adapt.prior.prior_files import SUFFIX
 from hexctl.adapt.stance import stance_deflection_rad
 from hexctl.archive import ArchiveFileError
 from hexctl.backends.sim.draws import Distribution
-from hexctl.backends.sim.world import DomainRandomization, World, load_randomization
+from hexctl.backends.sim.world import DomainRandomization, World
 from hexctl.control.guard import Guard
 from hexctl.control.planning.static_stability import usual_posture
 from hexctl.control.trial_plan import SelfRotation, TrialPlan
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.files import write_trouble
 from hexctl.gait.gait import make_gait
-from hexctl.options import chosen_options
 from hexctl.robot.failure import UNKNOWN
 from hexctl.robot.failure_grammar import parse_kind
-from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.study.landscape import Landscape, LandscapeSpec
 from hexctl.study.plan import LandscapePlan, Plan, check_families, check_legs, check_setting, check_walks
 from hexctl.study.priors.prior_options import (
-    PRIOR_DURATION_S,
     WORLDS,
     WORLDS_PER_LEG,
     PriorHold,
-    PriorOptions,
 )
 from hexctl.study.study_options import ALL_LEGS
 from hexctl.study.versions import code_versions
 from hexctl.study.walk_cache import ENDED
 from hexctl.study.walking import Progress, Work
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray
-
-if TYPE_CHECKING:
-    from hexctl.adapt.sessions.session_spec import SessionSpec
 
 #: By how much self-rotations miss their goal, in degrees. It is below 0.1 in simulation; the yaw that a
 #: real robot estimates over a turn is good to about half a degree.
@@ -50,9 +52,6 @@ MISS_DEG = Distribution(low=-1.0, high=1.0, scale="normal")
 #: Step of the physics if the family sets none: half the computing time of 2 ms. It moves ends of walks of
 #: `ant` by 7 cm (RMS over 12 worlds of `randomised`); between worlds they differ by 81 cm.
 TIME_STEP_S = 0.004
-
-#: Walks last multiples of this: the ten checkpoints then fall on kept points of the path, five per second.
-WHOLE_S = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,11 +191,6 @@ def prior_file_name(plan: PriorPlan, family: str) -> str:
     return "-".join(parts) + SUFFIX
 
 
-def in_whole_steps(duration_s: float) -> bool:
-    """Whether a finite duration is a multiple of `WHOLE_S`."""
-    return abs(duration_s / WHOLE_S - round(duration_s / WHOLE_S)) < 1e-9
-
-
 def deflection_of(spec: LandscapeSpec) -> FloatArray:
     """Static deflection of the joints in the stance of a landscape, rad, (18,); NaN when the robot falls."""
     trial = replace(spec, placed=False, miss_rad=0.0).trial(spec.codes[0])
@@ -287,39 +281,3 @@ def _origin(plan: PriorPlan) -> dict[str, Any]:
         "time_step_s": TIME_STEP_S,
         "code": code_versions(),
     }
-
-
-def how_to_build_prior(spec: "SessionSpec") -> str:
-    """Command that builds a prior for a session's trials, as the end of a sentence.
-
-    Empty if none can be built: for other objectives and headings, short walks, failures with details.
-    """
-    hold = "line" if spec.hold == "auto" else spec.hold
-    objectives = ("final",) if hold == "none" else SCORES
-    if spec.objective not in objectives or spec.heading_rad or not _can_be_built(spec, hold):
-        return ""
-    usual = "none" if hold == "line" else "rear"
-    options = PriorOptions(
-        robot=spec.robot,
-        failure=str(spec.broken),
-        hold=hold,
-        self_rotation=None if spec.self_rotation == usual else spec.self_rotation,
-        duration_s=spec.duration_s,
-    )
-    words = [f" --{flag} {text}" for flag, text in chosen_options(options).items()]
-    return f"; this makes one: hexctl prior build{''.join(words)}"
-
-
-def _can_be_built(spec: "SessionSpec", hold: str) -> bool:
-    try:
-        PriorPlan(
-            robot=load_robot(spec.robot),
-            family=load_randomization("randomised"),
-            failure=str(spec.broken),
-            self_rotation=spec.self_rotation,
-            duration_s=spec.duration_s,
-            hold=hold,  # type: ignore[arg-type]
-        ).check()
-    except InputError:
-        return False
-    return True

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
+from hexctl.adapt.prior.prior import PRIOR_DURATION_S
 from hexctl.control.trial_plan import SelfRotation
 from hexctl.errors import argument
 from hexctl.options import RARE, Panel, Range, Typed, check_fields, check_used, listed
@@ -20,9 +21,6 @@ DIRECTIONS = Range(low=1, high=12, whole=True)
 
 #: Two failed legs leave 24 codes: one is the safest, and as many as these are drawn.
 CODES = Range(low=0, high=11, whole=True)
-
-#: A shorter walk consists mostly of the soft start.
-PRIOR_DURATION_S = Range(low=6, unit="s")
 
 #: Options that only a repertoire takes, and those that only a prior takes.
 OF_REPERTOIRE = ("directions", "codes", "pairs")

@@ -12,7 +12,7 @@ from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import BAYES
-from hexctl.adapt.prior.prior import Prior, PriorKey
+from hexctl.adapt.prior.prior import WHOLE_S, Prior, PriorKey, in_whole_steps
 from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M
 from hexctl.adapt.prior.samples import Samples, covers, samples_of
 from hexctl.adapt.space import GaitSpace
@@ -27,9 +27,10 @@ from hexctl.robot.model import Robot
 from hexctl.study.experiment import Experiment, json_value, plain, where
 from hexctl.study.landscape import PATH_STRIDE, Landscape, LandscapeSpec
 from hexctl.study.paper.evidence import clustered_error, cm, cm_with_error
-from hexctl.study.paper.searches import BASELINE, HEURISTICS, curve_of
+from hexctl.study.paper.searches import curve_of
+from hexctl.study.paper.study_plan import BASELINE, HEURISTICS
 from hexctl.study.plan import LandscapePlan, check_legs, check_setting, check_walks
-from hexctl.study.priors.prior_building import WHOLE_S, deflection_of, in_whole_steps
+from hexctl.study.priors.prior_building import deflection_of
 from hexctl.study.report_page import Section, Table, markdown, reading
 from hexctl.study.study_options import ALL_LEGS, BUDGET, RUNS, STUDY_SEED, WORLDS
 from hexctl.study.versions import code_versions

@@ -6,12 +6,12 @@ import typer
 
 from hexctl.adapt.prior.prior_files import describe_prior, list_priors, named_prior, prior_folders
 from hexctl.cli.console import LeftOut, print_result
-from hexctl.cli.progress import finish
 from hexctl.cli.settings import Commands, is_typed, runs_folder
 from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import with_options
 from hexctl.control.monitor.repertoire import describe_repertoire, list_repertoires, named_repertoire
 from hexctl.errors import InputError
+from hexctl.study.commands.study_progress import finish
 from hexctl.study.priors.prior_options import OF_PRIOR, PriorOptions
 
 prior = Commands()

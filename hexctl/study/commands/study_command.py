@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from typing import Any
 
 from hexctl.cli.console import print_result
-from hexctl.cli.progress import finish
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.shared_options import JsonOption
 from hexctl.cli.signature import with_options
+from hexctl.study.commands.study_progress import finish
 from hexctl.study.study_options import MATRIX, PAPER, StudyOptions
 
 
