@@ -9,7 +9,7 @@ CEILINGS = {
     "": 2_440,
     "adapt": 7_660,
     "backends": 10_680,
-    "cli": 6_940,
+    "cli": 6_450,
     "client": 1_020,
     "control": 13_600,
     "demo": 220,

@@ -130,14 +130,14 @@ def check_options(
     name: str,
     *,
     names: Mapping[str, str] = MappingProxyType({}),
-    offered: Container[str] | None = None,
+    but: Container[str] = (),
     **given: object,
 ) -> None:
     """Raise UnusedError for a given option that the backend would ignore.
 
     Args:
         names: the caller's names of fields, if they differ.
-        offered: backends that a message may name; None is all.
+        but: backends that no message names.
         given: values by field of `BackendOptions`; None, False and 0 are not given.
     """
     backend = find_backend(name)
@@ -145,8 +145,8 @@ def check_options(
     for field, value in given.items():
         if not value or field in takes:
             continue
-        takers = [known for known, backend in BACKENDS.items() if field in backend.takes]
-        allowed = _joined([known for known in takers if offered is None or known in offered])
+        takers = [known for known, each in BACKENDS.items() if field in each.takes and known not in but]
+        allowed = _joined(takers)
         own = backend is None
         confused = field == "connect" and "port" in takes
         servos = f"; the port of servos is {argument('port')}" if confused else ""

@@ -136,17 +136,16 @@ class ServeOptions(ServedOptions):
     """With --ros, keys as ROS 2 Humble has them, without type hashes."""
 
     def __post_init__(self) -> None:
-        served = tuple(name for name in backend_names() if name != SERVED)
         if self.backend == SERVED:
+            others = ", ".join(name for name in backend_names() if name != SERVED)
             raise InputError(
-                f"{argument('backend')}: got {SERVED}, whose robot is already served; "
-                f"allowed: {', '.join(served)}"
+                f"{argument('backend')}: got {SERVED}, whose robot is already served; allowed: {others}"
             )
         super(ServeOptions, self).__post_init__()
         check_options(
             self.backend,
             names={"credentials": "device_keys"},
-            offered=served,
+            but=(SERVED,),
             port=self.port,
             credentials=self.device_keys,
         )

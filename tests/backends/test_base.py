@@ -239,7 +239,9 @@ def test_options_that_a_backend_takes_pass_and_others_have_the_names_of_the_call
     check_options("zenoh", connect="tcp/a:1", link="lab", insecure=True, seed=0)
     check_options(f"{own_module}:Bus", port="x", credentials="y", seed=0)
     with pytest.raises(InputError, match=r"^device: got x .*with mavlink$"):
-        check_options("mock", names={"port": "device"}, offered=("sim", "mavlink"), port="x")
+        check_options(
+            "mock", names={"port": "device"}, but=tuple(BACKENDS.keys() - {"sim", "mavlink"}), port="x"
+        )
 
 
 def test_options_are_those_of_a_spec_except_where_they_are_given(tmp_path: Path) -> None:
