@@ -126,7 +126,9 @@ class Environment:
                 shutil.rmtree(path)
             elif path != self._begun:
                 path.unlink()
-        if subprocess.run([sys.executable, "-m", "venv", self.venv]).returncode:
+        made = subprocess.run([sys.executable, "-m", "venv", self.venv], capture_output=True, text=True)
+        if made.returncode:
+            sys.stderr.write(made.stdout + made.stderr)
             raise SetUpError("python -m venv failed; on Debian and Ubuntu: sudo apt-get install python3-venv")
 
     def _mark(self) -> None:

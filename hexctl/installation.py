@@ -22,7 +22,8 @@ WITHOUT_LABMAZE = (3, 13)
 def install_command(extra: str) -> str:
     """Shell command that installs an extra: `pip install -e '.[i2c]'`.
 
-    An editable installation stays editable. From Python 3.13 on, dm_control is installed without labmaze.
+    An editable installation stays editable. From Python 3.13 on, dm_control is installed without labmaze, and
+    a comment of the shell says why.
     """
     try:
         installed: Distribution | None = distribution("hexctl")
@@ -35,7 +36,12 @@ def install_command(extra: str) -> str:
         commands.append(f"{installer} --no-deps {shlex.quote(_dm_control(installed))}")
         if extra == "sim" and find_spec("mujoco") and find_spec("dm_env"):
             commands = commands[1:]
+        commands[-1] += f"  # the extra leaves it out: its labmaze has no wheel for Python {_version()}"
     return " && ".join(commands)
+
+
+def _version() -> str:
+    return ".".join(map(str, sys.version_info[:2]))
 
 
 def _installer(installed: Distribution | None) -> str:
