@@ -109,7 +109,7 @@ class Typed:
     Attributes:
         flag: without hyphens; empty for the name of the field without its unit.
         parse: makes the value from a text; raises ValueError with the text and the allowed values.
-        words: completion, a name in `hexctl.cli.completion`; empty for files.
+        words: completion, a name in `hexctl.cli.completion`; empty for files. `{}` in the help lists them.
     """
 
     flag: str = ""

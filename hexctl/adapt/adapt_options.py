@@ -40,9 +40,8 @@ class AdaptOptions(RobotOptions):
     """Most trials to walk, {}."""
 
     optimizer: Annotated[Any, Typed(words="optimizers")] = None
-    """What chooses the next gait: trim (straightens one gait by its paths, see --trim), strides (pace, step
-    length and swing share within the servos' limits, then codes), bayes (knows simulated worlds), random,
-    exhaustive, or one of the paper's pso, psosp, dps, debest, derand; or package.module:Class. (default:
+    """What chooses the next gait: {}, or package.module:Class. trim straightens one gait by its paths (see
+    --trim), strides varies pace, step length and swing share, and bayes knows simulated worlds. (default:
     trim; strides for speed and cost; else bayes if a prior fits, else random)
 
     In Python also a class.

@@ -103,6 +103,7 @@ served_backends = _offered(lambda: [name for name in backends("") if name != "ze
 
 
 optimizers = _constant("adapt.optimizers.shipped", "NAMES", "optimizers")
+searches = _constant("adapt.optimizers.shipped", "OPTIMIZERS", "optimizers")
 recoveries = _constant("control.monitor.recovery", "RECOVERIES", "recoveries")
 objectives = _constant("adapt.objectives", "OBJECTIVES")
 

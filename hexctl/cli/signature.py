@@ -127,15 +127,17 @@ def _kind_of(option: Option) -> tuple[Any, Any]:
     if option.kind is bool:
         switch = f"{flag}/--no-{option.flag}" if option.default else flag
         return bool, typer.Option(switch, help=option.text)
-    offered = getattr(completion, typed.words) if typed.words else None
+    offered, text = getattr(completion, typed.words) if typed.words else None, option.text
+    if offered is not None and "{}" in text:
+        text = text.replace("{}", ", ".join(offered("")))
     if typed.parse is not None:
         return Any, typer.Option(
-            flag, parser=_parser(typed.parse), metavar="TEXT", autocompletion=offered, help=option.text
+            flag, parser=_parser(typed.parse), metavar="TEXT", autocompletion=offered, help=text
         )
     if any(map(_is_texts, kinds)):
-        return list[str], typer.Option(flag, autocompletion=offered, help=option.text)
+        return list[str], typer.Option(flag, autocompletion=offered, help=text)
     kind = Path if Path in kinds and not typed.words else str
-    return kind | None, typer.Option(flag, autocompletion=offered, help=option.text)
+    return kind | None, typer.Option(flag, autocompletion=offered, help=text)
 
 
 def checked(parse: Callable[[str], Any]) -> Callable[[str], Any]:

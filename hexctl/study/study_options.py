@@ -138,9 +138,9 @@ class StudyOptions(ComputeOptions):
     seed: Annotated[int, SEED, RARE, EXPERIMENT] = 0
     """Seed of everything random, a whole number, {}."""
 
-    optimizers: Annotated[Sequence[str] | None, Typed(parse=listed), SEARCHES] = None
-    """Optimizers, with commas: pso, psosp, dps, debest, derand, random, exhaustive, or a custom
-    package.module:Class; with --transfer also bayes and bayes-early. (default: all but exhaustive)
+    optimizers: Annotated[Sequence[str] | None, Typed(parse=listed, words="searches"), SEARCHES] = None
+    """Optimizers, with commas: {}, or a custom package.module:Class; with --transfer also bayes and
+    bayes-early. (default: the paper's five and random)
     """
 
     runs: Annotated[int | None, RUNS, SEARCHES] = None

@@ -1,15 +1,9 @@
 """The registry of optimizers."""
 
+from importlib import import_module
+
 from hexctl.adapt.optimizer import Optimizer, OptimizerChoice, OptimizerClass
-from hexctl.adapt.optimizers import baselines, population
-from hexctl.adapt.optimizers.shipped import (
-    BASELINES,
-    BAYES,
-    NAMES,
-    OF_SESSIONS,
-    OPTIMIZERS,
-    POPULATIONS,
-)
+from hexctl.adapt.optimizers.shipped import BAYES, NAMES, OF_SESSIONS, OPTIMIZERS
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError, argument, check_type
 from hexctl.robot.plugins import load_custom
@@ -24,8 +18,7 @@ def name_of(optimizer: OptimizerChoice) -> str:
             f"{argument('optimizer')}: got {optimizer!r}; allowed: a name, or a subclass of Optimizer"
         )
     address = f"{optimizer.__module__}:{optimizer.__qualname__}"
-    places = OF_SESSIONS | {name: f"baselines:{kind}" for name, kind in BASELINES.items()}
-    shipped = {f"{__package__}.{place}": name for name, place in places.items()}
+    shipped = {f"{__package__}.{place}": name for name, place in (OF_SESSIONS | OPTIMIZERS).items()}
     return shipped.get(address, address)
 
 
@@ -38,24 +31,26 @@ def make_optimizer(name: OptimizerChoice | OptimizerClass, space: GaitSpace, see
     if callable(name):
         return name(space, seed)
     check_type(name, str, "optimizer", f"{BAYES} (with a prior), {known}, or an Optimizer class")
-    if name in POPULATIONS:
-        return population.PopulationOptimizer(name, getattr(population, POPULATIONS[name]), space, seed)
-    if name in BASELINES:
-        baseline: type[Optimizer] = getattr(baselines, BASELINES[name])
-        return baseline(space, seed)
     if name in OF_SESSIONS:
         commands = "hexctl adapt and hexctl study --transfer" if name == BAYES else "hexctl adapt"
         raise InputError(
             f"{argument('optimizer')}: got {name} outside of a session; allowed: {known} "
             f"({name} with {commands})"
         )
-    kind, label = load_custom(
-        name, "optimizer", known=NAMES, allowed="a subclass of Optimizer", door="optimizers"
-    )
-    if not _is_optimizer(kind):
-        raise InputError(f"{argument('optimizer')}: {label} is {kind!r}; allowed: a subclass of Optimizer")
-    custom: type[Optimizer] = kind
-    return custom(space, seed)
+    return _class_of(name)(space, seed)
+
+
+def _class_of(name: str) -> type[Optimizer]:
+    if name in OPTIMIZERS:
+        module, _, kind = OPTIMIZERS[name].partition(":")
+        shipped: type[Optimizer] = getattr(import_module(f"{__package__}.{module}"), kind)
+        return shipped
+    allowed = "a subclass of Optimizer"
+    custom, label = load_custom(name, "optimizer", known=NAMES, allowed=allowed, door="optimizers")
+    if not _is_optimizer(custom):
+        raise InputError(f"{argument('optimizer')}: {label} is {custom!r}; allowed: {allowed}")
+    found: type[Optimizer] = custom
+    return found
 
 
 def _is_optimizer(value: object) -> bool:

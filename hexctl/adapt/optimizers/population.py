@@ -98,11 +98,12 @@ class PopulationOptimizer(Optimizer):
     A generation is handed out in pieces that do not change the search; an ask stays within it.
     """
 
-    def __init__(self, name: str, core: type[Population], space: GaitSpace, seed: int) -> None:
-        """Search by the rule of a core, under a name."""
+    #: Rule by which the population moves.
+    core: ClassVar[type[Population]]
+
+    def __init__(self, space: GaitSpace, seed: int) -> None:
         super().__init__(space, seed)
-        self.name = name
-        self._population = core([1.0], [float(space.size)], self._random)
+        self._population = self.core([1.0], [float(space.size)], self._random)
         self._scores: list[float] = []
 
     def _suggest(self, count: int) -> list[int]:
@@ -316,3 +317,33 @@ class RandomEvolution(DifferentialEvolution):
 
     def _mutants(self, partners: FloatArray) -> FloatArray:
         return np.asarray(partners[0] + self.scale * (partners[1] - partners[2]))
+
+
+class SwarmSearch(PopulationOptimizer):
+    """Search of codes by a `ParticleSwarm`."""
+
+    name, core = "pso", ParticleSwarm
+
+
+class SpeciatedSearch(PopulationOptimizer):
+    """Search of codes by a `SpeciatedSwarm`."""
+
+    name, core = "psosp", SpeciatedSwarm
+
+
+class DifferentialSearch(PopulationOptimizer):
+    """Search of codes by a `DifferentialSwarm`."""
+
+    name, core = "dps", DifferentialSwarm
+
+
+class BestEvolutionSearch(PopulationOptimizer):
+    """Search of codes by `BestEvolution`."""
+
+    name, core = "debest", BestEvolution
+
+
+class RandomEvolutionSearch(PopulationOptimizer):
+    """Search of codes by `RandomEvolution`."""
+
+    name, core = "derand", RandomEvolution
