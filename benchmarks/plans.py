@@ -3,11 +3,12 @@
 from functools import cache
 
 from hexctl.control.trial_plan import SelfRotation, TrialPlan
-from hexctl.gait.encoding import Slots, slots_from_code
+from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import NAMED_SLOTS, Gait
-from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
+from hexctl.runs.run_spec import RunSpec
+from hexctl.runs.walk_plan import plan_walk
 
 #: Gaits of a robot with one failed leg.
 N_CODES = 120
@@ -29,11 +30,9 @@ def recovery_plans(leg: int, codes: int, walk_s: float, self_rotation: SelfRotat
     """Return trials of a locked leg with some of the 120 codes, evenly spread; all of them with 120."""
     chosen = [1 + index * N_CODES // codes for index in range(codes)]
     return [
-        TrialPlan(
-            gait=default_gait(slots_from_code(code, (leg,))),
-            failures=(Failure(leg=leg),),
-            duration_s=walk_s,
-            self_rotation=self_rotation,
+        plan_walk(
+            RunSpec(gait=code, failed_leg=leg, duration_s=walk_s, self_rotation=self_rotation, hold="none"),
+            ant(),
         )
         for code in chosen
     ]

@@ -37,7 +37,8 @@ from hexctl.control.walks.turning import body_heading_rad
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot
-from hexctl.runs.run_spec import RunSpec, plan_of
+from hexctl.runs.run_spec import RunSpec
+from hexctl.runs.walk_plan import plan_walk
 from hexctl.types import N_LEGS
 
 #: The prior of walks in open loop.
@@ -147,7 +148,7 @@ def walk_open_loop(
     for number, member in enumerate(members, first):
         leg = 1 + number % N_LEGS
         noise = member.sensor_noise.model_copy(update={"position_m": POSITION_NOISE_M})
-        plan = TrialPlan(gait=make_gait(robot, "demo"), failures=(Failure(leg=leg),))
+        plan = plan_walk(RunSpec(gait="demo", failed_leg=leg, hold="none"), robot)
         heading_rad, space = body_heading_rad(robot, plan), GaitSpace((leg,))
         ranked = slots_by_stability(robot, heading_rad=heading_rad, failure=plan.failures)
         known = knowledge(member, number, leg)
@@ -185,7 +186,7 @@ def walk_fast(robot: str, family: str, first: int, worlds: int, *, fast: bool) -
             kind = ("locked", "limp", "missing")[(number + place) % 3]
             failure = Failure(leg=1 + (number + after) % N_LEGS, kind=kind)
             spec = RunSpec(gait="auto", failure=(failure,), fast=fast, duration_s=FAST_S)
-            plan = plan_of(spec, load_robot(robot))
+            plan = plan_walk(spec, load_robot(robot))
             world = f"{family}:{number}"
             trials.append(SimTrial(robot=robot, plan=plan, failures=failure, world=world, seed=number))
     return run_sim_trials(trials)

@@ -15,7 +15,7 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.base import as_robot
 from hexctl.control.planning.static_stability import in_posture, usual_posture
 from hexctl.control.planning.top_speed import STRIDE, Stride
-from hexctl.control.trial_plan import AUTO_ROTATION, GaitChange, TrialPlan, suited_rotation
+from hexctl.control.trial_plan import AUTO_ROTATION, GaitChange
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, argument
 from hexctl.gait.encoding import Slots
@@ -24,6 +24,7 @@ from hexctl.gait.posture import Posture
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.runs.run_spec import RunSpec, name_and_time
+from hexctl.runs.walk_plan import plan_walk
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,16 +97,7 @@ def _best_of(spec: RunSpec, folder: Path | str, *, trimmed: bool = True) -> Best
 def _of_prior(spec: RunSpec, robot: Robot, failure: Failure, folder: Path) -> BestGait:
     if spec.turn_rate_rad_s is not None:
         raise InputError(f"{argument('gait')}: got best with a turn; allowed: straight, or auto")
-    rotation = suited_rotation(spec.self_rotation, spec.hold, chosen_gait=True)
-    gait = make_gait(robot, "demo", pace_hz=spec.pace_hz, amplitude=spec.amplitude, height=spec.height)
-    plan = TrialPlan(
-        gait=replace(gait, posture=Posture(body_raise=spec.body_raise or 0.0)),
-        heading_rad=spec.heading_rad or 0.0,
-        duration_s=spec.duration_s,
-        failures=(failure,),
-        self_rotation=rotation,
-        hold=spec.hold,
-    )
+    plan = plan_walk(replace(spec, gait="demo", chosen_gait=True, fast=False, then=()), robot)
     if spec.body_raise is None:
         plan = in_posture(robot, plan, usual_posture(spec.hold))
     found = find_prior(robot, plan, prior_folders(folder), any_duration=True)

@@ -21,10 +21,10 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError
 from hexctl.gait.encoding import Slots
-from hexctl.gait.gait import make_gait
-from hexctl.gait.posture import Posture
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
+from hexctl.runs.run_spec import RunSpec
+from hexctl.runs.walk_plan import plan_walk
 
 #: Default duration of the walks of `hexctl check --physics`; the uncertainty of shorter ones is unknown.
 MEASURED_S = 30.0
@@ -85,14 +85,16 @@ def load_setting(spec: SessionSpec) -> Setting:
             "allowed: the same robot file, or a new session"
         )
     world = load_world(spec.world) if spec.world is not None else None
-    plan = TrialPlan(
-        gait=replace(make_gait(robot, "demo"), posture=Posture(body_raise=spec.body_raise)),
+    walk = RunSpec(
+        gait="demo",
+        body_raise=spec.body_raise,
         heading_rad=spec.heading_rad,
         duration_s=spec.duration_s,
-        failures=(spec.broken,),
+        failure=spec.broken,
         self_rotation=spec.self_rotation,
         hold=spec.hold,
     )
+    plan = plan_walk(walk, robot)
     check_plan(robot, plan)
     return Setting(file, world, plan, prior_of(spec, robot, plan))
 

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Annotated, ClassVar, Final, Literal, get_args
 
 from hexctl.errors import InputError, argument, check_type
@@ -121,9 +120,12 @@ class TrialPlan:
             )
         for change in self.changes:
             check_type(change, GaitChange, "plan.changes", "GaitChanges")
-        if any(after.at_s <= before.at_s for before, after in pairwise(self.changes)):
+        times_s = [change.at_s for change in self.changes]
+        if times_s != sorted(set(times_s)) or any(at_s >= self.duration_s for at_s in times_s):
+            got = " and then ".join(f"{at_s:g} s" for at_s in times_s)
             raise InputError(
-                "plan.changes: got times that do not ascend; allowed: the first change first, one at a time"
+                f"{argument('then')}: got {got}; allowed: times that ascend, before the end at "
+                f"{self.duration_s:g} s"
             )
 
     def motion(self, yaw_rad: float) -> Motion:

@@ -143,6 +143,9 @@ AUTO = "auto"
 #: Name of the best gait by a prior; with a colon and a session, of its best walk.
 BEST = "best"
 
+#: Names of gaits that are chosen for a walk.
+CHOSEN_GAITS = (AUTO, BEST)
+
 #: Default gait: the fastest that keeps three feet on the floor.
 DEFAULT_GAIT = "tripod"
 
@@ -167,7 +170,7 @@ def make_gait(
     amplitude: float | None = None,
     height: float | None = None,
     failed_legs: Iterable[int] = (),
-    besides: Sequence[str] = (),
+    others: Sequence[str] = (),
 ) -> Gait:
     """A gait by name, code or slots, with the robot's pace, amplitude and height by default.
 
@@ -177,14 +180,14 @@ def make_gait(
         gait: name (`"tripod"`), code (`57`, `"57"`) or slots (`(5, 1, 2, 4, 3, 6)`, `"5,1,2,4,3,6"`).
         amplitude: as a fraction of the robot's size, as is the height.
         failed_legs: a code counts among the arrangements of the other legs.
-        besides: further names that the caller allows, such as `auto`, for the message.
+        others: further names that the caller allows, such as `auto`, for the message.
 
     Raises InputError for anything else, and for a gait that `Gait` refuses.
     """
     check_type(robot, Robot, "make_gait: robot", "a Robot, as load_robot('ant') gives")
     default = robot.gait
     return Gait(
-        slots=parse_slots(gait, failed_legs, besides),
+        slots=parse_slots(gait, failed_legs, others),
         pace_hz=default.pace_hz if pace_hz is None else pace_hz,
         amplitude=default.amplitude if amplitude is None else amplitude,
         height=default.height if height is None else height,
@@ -206,22 +209,22 @@ def names_best(gait: object) -> bool:
 
 
 def parse_slots(
-    gait: str | int | Sequence[int], failed_legs: Iterable[int] = (), besides: Sequence[str] = ()
+    gait: str | int | Sequence[int], failed_legs: Iterable[int] = (), others: Sequence[str] = ()
 ) -> Slots:
     """Slots of a name (`tripod`), a code (`57`) or a list (`5,1,2,4,3,6`), as text or as numbers.
 
     A code counts among the arrangements of the walking legs. Raises InputError for anything else.
     """
     if isinstance(gait, str):
-        return _slots_of_text(gait, failed_legs, besides)
+        return _slots_of_text(gait, failed_legs, others)
     if isinstance(gait, Iterable):
         check_permutation(gait)
         return as_slots(gait)
-    check_type(gait, int, _GAIT, _allowed(failed_legs, besides))
+    check_type(gait, int, _GAIT, _allowed(failed_legs, others))
     return slots_from_code(operator.index(gait), failed_legs)
 
 
-def _slots_of_text(text: str, failed_legs: Iterable[int], besides: Sequence[str]) -> Slots:
+def _slots_of_text(text: str, failed_legs: Iterable[int], others: Sequence[str]) -> Slots:
     cleaned = text.strip()
     if (name := known_name(cleaned, NAMED_SLOTS)) is not None:
         return NAMED_SLOTS[name]
@@ -230,8 +233,8 @@ def _slots_of_text(text: str, failed_legs: Iterable[int], besides: Sequence[str]
     try:
         code = int(cleaned)
     except ValueError:
-        near = nearest(cleaned, (*NAMED_SLOTS, *besides))
-        raise InputError(f"{_GAIT}: got {text!r}; allowed: {_allowed(failed_legs, besides)}{near}") from None
+        near = nearest(cleaned, (*NAMED_SLOTS, *others))
+        raise InputError(f"{_GAIT}: got {text!r}; allowed: {_allowed(failed_legs, others)}{near}") from None
     return slots_from_code(code, failed_legs)
 
 
@@ -244,6 +247,6 @@ def _listed(text: str) -> Slots:
     return slots
 
 
-def _allowed(failed_legs: Iterable[int], besides: Sequence[str]) -> str:
-    names = ", ".join([*NAMED_SLOTS, *besides])
+def _allowed(failed_legs: Iterable[int], others: Sequence[str]) -> str:
+    names = ", ".join([*NAMED_SLOTS, *others])
     return f"{names}, a code 1..{code_count(failed_legs)}, or slots such as 5,1,2,4,3,6"

@@ -22,11 +22,13 @@ from hexctl.control.preparation import prepare, ticks_of
 from hexctl.control.scoring.walk_quality import WalkEffort
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError, MissingExtraError, SimulationDivergedError
-from hexctl.gait.gait import ideal_speed_m_s, make_gait
+from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.learning.learned_walk import ACTION_SIZE, OBSERVATION_SIZE, OBSERVED, LearnedWalk
 from hexctl.robot.failure import FailureEvent
 from hexctl.robot.failure_grammar import parse_coming_kind
 from hexctl.robot.model import Robot
+from hexctl.runs.run_spec import RunSpec
+from hexctl.runs.walk_plan import plan_walk
 from hexctl.types import GRAVITY_M_S2, N_LEGS, FloatArray, JointTargets
 
 if TYPE_CHECKING:
@@ -97,12 +99,15 @@ class HexapodEnvironment(gymnasium.Env[Observation, FloatArray]):
                 raise InputError(f"{name}: got none; allowed: one or more")
         self._failures, self._failing, self._failure_s = list(failures), failing, failure_s
         self._plans = [
-            TrialPlan(
-                gait=make_gait(self._robot, gait),
-                heading_rad=radians(heading_deg),
-                duration_s=duration_s,
-                self_rotation="none",
-                hold="line",
+            plan_walk(
+                RunSpec(
+                    gait=gait,
+                    heading_rad=radians(heading_deg),
+                    duration_s=duration_s,
+                    self_rotation="none",
+                    hold="line",
+                ),
+                self._robot,
             )
             for heading_deg in headings_deg
         ]

@@ -41,7 +41,8 @@ from hexctl.robot.failure import FailureEvent, check_events
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
 from hexctl.runs.outcome import events_seen, failure_values, gait_values, tick_values, world_text
-from hexctl.runs.run_spec import RunSpec, plan_of, spec_of
+from hexctl.runs.run_spec import RunSpec, spec_of
+from hexctl.runs.walk_plan import plan_walk
 from hexctl.waiting import StopRequested, comes_true, never
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ class Run:
         else:
             self._file = load_robot_file(spec.robot)
             self.robot = self._file.robot
-        self.plan = plan_of(spec, self.robot)
+        self.plan = plan_walk(spec, self.robot)
         self._meshes = self._file.meshes if self._file is not None and spec.records else {}
         check_plan(self.robot, self.plan)
         world = DEFAULT_WORLD if spec.world is None else spec.world
@@ -266,7 +267,7 @@ class Run:
         taken = unasked and self.plan.self_rotation == "none" and len(self.plan.failures) == 1
         if taken and not self._position_comes():
             # The requested hold stays: the result reports why less was held.
-            self.plan = replace(plan_of(replace(spec, hold="heading"), self.robot), hold=spec.hold)
+            self.plan = replace(plan_walk(replace(spec, hold="heading"), self.robot), hold=spec.hold)
             check_plan(self.robot, self.plan)
 
     def _position_comes(self) -> bool:

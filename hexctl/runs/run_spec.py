@@ -1,18 +1,14 @@
-"""Checked options of a run, and the plan of its trial."""
+"""Checked options of a run."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 from hexctl.backends.registry import check_options, option_values
 from hexctl.backends.robot_options import FAILURE, RecordedOptions
 from hexctl.control.monitor.recovery import MOST_RECOVERED, Recovery, default_recovery, make_recovery
-from hexctl.control.planning.crawl import auto_gait
-from hexctl.control.planning.leg_sets import doubt, leg_set
-from hexctl.control.planning.static_stability import check_tucked, stable_slots_of
-from hexctl.control.planning.top_speed import fast_gaits
 from hexctl.control.trial_plan import (
     AUTO_ROTATION,
     DURATION_S,
@@ -23,27 +19,19 @@ from hexctl.control.trial_plan import (
     GaitChange,
     GroundOptions,
     Hold,
-    TrialPlan,
     WalkOptions,
-    suited_rotation,
 )
-from hexctl.control.walks.ground_contact import step_height
-from hexctl.control.walks.turning import body_heading_rad
 from hexctl.errors import InputError, UnusedError, argument
-from hexctl.gait.encoding import code_count
 from hexctl.gait.gait import (
     AUTO,
     BEST,
     DEFAULT_GAIT,
     SWING,
-    SWING_SHARE,
     Gait,
     gait_text,
-    make_gait,
     names_best,
-    parse_slots,
 )
-from hexctl.gait.posture import POSTURE, Posture
+from hexctl.gait.posture import POSTURE
 from hexctl.options import RARE, UNTYPED, Typed, check_fields
 from hexctl.recording.rrd import probe_file
 from hexctl.robot.failure import Failure, FailureEvent
@@ -53,7 +41,6 @@ from hexctl.robot.failure_grammar import (
     read_failures,
     read_healings,
 )
-from hexctl.robot.model import Robot
 
 #: Options that cannot be combined with `fast`.
 FAST_CHOOSES = ("pace_hz", "amplitude", "swing_share", "turn_rate_rad_s", "then")
@@ -187,6 +174,11 @@ class RunSpec(RecordedOptions, WalkOptions, GroundOptions):
         return self.realtime or not self.simulated
 
     @property
+    def failed_legs(self) -> tuple[int, ...]:
+        """Legs that have failed before the walk, ascending."""
+        return tuple(one.leg for one in self.failures)
+
+    @property
     def asks_for_best(self) -> bool:
         """Whether a gait is `best`, which `best_gait` finds."""
         return any(names_best(name) for name in (self.gait, *self.names_then))
@@ -233,7 +225,7 @@ class RunSpec(RecordedOptions, WalkOptions, GroundOptions):
         if len(self.failures) > 1 and self.self_rotation not in (AUTO_ROTATION, "none"):
             raise InputError(
                 f"{argument('self_rotation')}: got {self.self_rotation} with failed legs "
-                f"{', '.join(str(one.leg) for one in self.failures)}; allowed: {AUTO_ROTATION}, none"
+                f"{', '.join(map(str, self.failed_legs))}; allowed: {AUTO_ROTATION}, none"
             )
         late = [event for event in self.events if event.at_s >= self.duration_s]
         if late:
@@ -241,6 +233,33 @@ class RunSpec(RecordedOptions, WalkOptions, GroundOptions):
             raise InputError(f"{what}: got {late[0]}; allowed: before {self.duration_s:g} s, the end")
         if self.record is not None:
             probe_file(Path(self.record))
+
+    def check_gaits(self) -> None:
+        """Raise InputError for a leg or a gait that stands for another, and legs that `auto` cannot spare."""
+        if self.failed_leg == AUTO_LEG:
+            raise InputError(
+                f"{argument('failed_leg')}: got {AUTO_LEG}, which stands for a leg; allowed: 1..6, or the "
+                "failures that hexctl.diagnose() finds"
+            )
+        if self.asks_for_best:
+            raise InputError(
+                f"{argument('gait' if names_best(self.gait) else 'then')}: got {BEST}, which stands for "
+                "another gait; allowed: the spec that hexctl.adapt.best.best_gait(spec) gives for it"
+            )
+        if len(self.failures) < 2 or AUTO not in (self.gait, *self.names_then):
+            return
+        got = f"{','.join(map(str, self.failed_legs))} with {argument('gait')} {AUTO}"
+        if len(self.failures) > MOST_RECOVERED:
+            raise InputError(
+                f"{argument('failed_leg')}: got {got}; no gait keeps a robot up on three legs; "
+                "allowed: one leg or two, or a gait by its name or code"
+            )
+        for name in ("swing_share", "stance_shift"):
+            if getattr(self, name) is not None:
+                raise InputError(
+                    f"{argument(name)}: cannot be combined with failed legs {got}, which finds its own; "
+                    "allowed: with one failed leg, or with a gait by its name, code or slots"
+                )
 
     def _check_course(self) -> None:
         """Raise UnusedError for trims that the hold does not use, and a hold that a turn does not."""
@@ -279,170 +298,10 @@ def spec_of(options: Mapping[str, Any]) -> RunSpec:
     return RunSpec(**given)
 
 
-def plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
-    """Plan of the trial of a spec; raises InputError for a bad gait, posture or motion."""
-    if spec.failed_leg == AUTO_LEG:
-        raise InputError(
-            f"{argument('failed_leg')}: got {AUTO_LEG}, which stands for a leg; allowed: 1..6, or the "
-            "failures that hexctl.diagnose() finds"
-        )
-    _check_found(spec)
-    plan = _asked_plan(spec, _gait_of(spec, robot))
-    stand_up = spec.body_raise is None
-    if spec.gait == AUTO:
-        _check_recoverable(plan, robot)
-        plan = replace(plan, gait=auto_gait(robot, plan, stand_up=stand_up))
-    if spec.fast:
-        plan = replace(plan, gait=_fast(spec, robot, plan))
-    check_tucked(robot, plan)
-    return replace(plan, changes=_changes_of(spec.then, robot, plan, stand_up=stand_up))
-
-
-def _gait_of(spec: RunSpec, robot: Robot) -> Gait:
-    """For `auto` the default gait, of which only the slots are replaced."""
-    if isinstance(spec.gait, Gait):
-        return spec.gait
-    if names_best(spec.gait):
-        raise InputError(
-            f"{argument('gait')}: got {spec.gait}, which stands for another; allowed: the spec that "
-            "hexctl.adapt.best.best_gait(spec) gives for it"
-        )
-    gait = make_gait(
-        robot,
-        "demo" if spec.gait == AUTO else spec.gait,
-        pace_hz=spec.pace_hz,
-        amplitude=spec.amplitude,
-        height=step_height(robot, spec.feet) if spec.height is None else spec.height,
-        failed_legs=tuple(one.leg for one in spec.failures),
-        besides=_besides(spec.failures),
-    )
-    posture = Posture(
-        body_raise=spec.body_raise or 0.0,
-        shift=spec.stance_shift or (0.0, 0.0),
-        tucked_legs=tuple(spec.tucked_legs),
-    )
-    swing_share = SWING_SHARE if spec.swing_share is None else spec.swing_share
-    return replace(gait, posture=posture, swing_share=swing_share)
-
-
-def _fast(spec: RunSpec, robot: Robot, plan: TrialPlan) -> Gait:
-    heading_rad = body_heading_rad(robot, plan)
-    gaits = fast_gaits(
-        robot, plan.gait, heading_rad=heading_rad, lost=plan.failed_legs, reorder=spec.gait == AUTO
-    )
-    if not gaits:
-        raise InputError(
-            f"{argument('fast')}: the servos of {robot.name} do not carry this gait at any pace; "
-            "allowed: without; hexctl check says which joint is too weak"
-        )
-    return gaits[0]
-
-
-def _asked_plan(spec: RunSpec, gait: Gait) -> TrialPlan:
-    in_place = spec.turn_rate_rad_s is not None and spec.heading_rad is None
-    rotation = suited_rotation(
-        "none" if len(spec.failures) > 1 else spec.self_rotation,
-        "none" if spec.turn_rate_rad_s is not None else spec.hold,
-        chosen_gait=spec.gait == AUTO or spec.chosen_gait,
-    )
-    return TrialPlan(
-        gait=gait,
-        level=spec.level,
-        heading_rad=spec.heading_rad or 0.0,
-        travel=0.0 if in_place else 1.0,
-        turn_rate_rad_s=spec.turn_rate_rad_s or 0.0,
-        duration_s=spec.duration_s,
-        failures=spec.failures,
-        self_rotation=rotation,
-        hold=spec.hold,
-        feet=spec.feet,
-        trim_rad=spec.trim_rad or 0.0,
-        turn_trim_rad_s=spec.turn_trim_rad_s,
-    )
-
-
-def _check_recoverable(plan: TrialPlan, robot: Robot) -> None:
-    """Raise InputError for more failed legs than `auto` has gaits for."""
-    if len(plan.failed_legs) > MOST_RECOVERED:
-        raise InputError(
-            f"{argument('failed_leg')}: got {','.join(map(str, plan.failed_legs))} with {argument('gait')} "
-            f"{AUTO}; {doubt(leg_set(robot, plan.gait, plan.failed_legs, (plan.heading_rad,)))}; allowed: "
-            f"one leg or two, or a gait by its name or code, 1..{code_count(plan.failed_legs)}"
-        )
-
-
-def _besides(failures: Sequence[Failure]) -> tuple[str, str]:
-    return AUTO, BEST if failures else f"{BEST} (with a failed leg)"
-
-
 def name_and_time(text: str) -> tuple[str, float]:
     """Gait and time of a change such as `wave@10`; raises InputError for another text."""
-    name, at, time_text = text.rpartition("@")
-    try:
-        time_s = float(time_text)
-    except ValueError:
-        at, time_s = "", 0.0
-    if not at:
-        raise InputError(
-            f"{argument('then')}: got {text!r}; allowed: a gait and a time in s, such as wave@10"
-        )
-    return name, time_s
-
-
-def _check_found(spec: RunSpec) -> None:
-    if len(spec.failures) < 2 or AUTO not in (spec.gait, *spec.names_then):
-        return
-    for name in ("swing_share", "stance_shift"):
-        if (value := getattr(spec, name)) is not None:
-            got = ",".join(f"{one:g}" for one in (value if isinstance(value, tuple | list) else (value,)))
-            raise InputError(
-                f"{argument(name)}: got {got} with failed legs "
-                f"{', '.join(str(one.leg) for one in spec.failures)} and {argument('gait')} {AUTO}, which "
-                "finds its own; allowed: with one failed leg, or with a gait by its name, code or slots"
-            )
-
-
-def _changes_of(
-    asked: Sequence[str | GaitChange], robot: Robot, plan: TrialPlan, *, stand_up: bool
-) -> tuple[GaitChange, ...]:
-    """Raises InputError for times that do not ascend."""
-    changes = tuple(_change_of(one, robot, plan, stand_up=stand_up) for one in asked)
-    for (first, before), (second, after) in pairwise(zip(asked, changes, strict=True)):
-        if after.at_s <= before.at_s:
-            raise InputError(
-                f"{argument('then')}: got {first} and then {second}; allowed: times that ascend, one gait "
-                "at each"
-            )
-    return changes
-
-
-def _change_of(asked: str | GaitChange, robot: Robot, plan: TrialPlan, *, stand_up: bool) -> GaitChange:
-    """A change, or that of a text such as `wave@10`: in the posture of the plan's gait without its crawl.
-
-    With `stand_up` the body stands up for the gait `auto` with more than one failed leg.
-    """
-    name, time_s = ("", asked.at_s) if isinstance(asked, GaitChange) else name_and_time(asked)
-    if names_best(name):
-        raise InputError(
-            f"{argument('then')}: got {asked!r}, which stands for another gait; allowed: the spec that "
-            "hexctl.adapt.best.best_gait(spec) gives for it"
-        )
-    if time_s >= plan.duration_s:
-        raise InputError(f"{argument('then')}: got {asked}; allowed: before {plan.duration_s:g} s, the end")
-    if isinstance(asked, GaitChange):
-        return asked
-    if name == AUTO and len(plan.failures) > 1:
-        return GaitChange(gait=auto_gait(robot, plan, stand_up=stand_up), at_s=time_s)
-    try:
-        slots = (
-            stable_slots_of(robot, plan)
-            if name == AUTO
-            else parse_slots(name, plan.failed_legs, _besides(plan.failures))
-        )
-    except InputError as error:
-        raise InputError(f"{argument('then')}: got {asked!r} ({error})") from error
-    plain = replace(plan.gait, slots=slots)
-    if plan.gait.phases is not None:  # a gait of slots has the swings of the paper
-        posture = replace(plan.gait.posture, shift=(0.0, 0.0))
-        plain = replace(plain, phases=None, swing_share=SWING_SHARE, posture=posture)
-    return GaitChange(gait=plain, at_s=time_s)
+    name, _, time_text = text.rpartition("@")
+    with suppress(ValueError):
+        if name:
+            return name, float(time_text)
+    raise InputError(f"{argument('then')}: got {text!r}; allowed: a gait and a time in s, such as wave@10")

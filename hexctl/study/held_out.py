@@ -2,11 +2,9 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cache
 from typing import Any, ClassVar
 
 from hexctl.backends.sim.world import DomainRandomization, World
-from hexctl.control.planning.crawl import auto_gait
 from hexctl.robot.model import Robot
 from hexctl.study.walk_cache import CaseT, Place, WalkT
 from hexctl.types import JOINT_KINDS
@@ -28,10 +26,6 @@ SENSORS: dict[str, Any] = {
     "sensor_noise": {"position_m": 0.01, "yaw_deg": 0.5},
     "lost_poses": 0.05,
 }
-
-
-#: The gait of the largest stability margin, which depends on robot and plan, not on the world.
-stable_gait_of = cache(auto_gait)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,16 +2,18 @@
 
 import math
 from collections.abc import Hashable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from hexctl.control.batch import SimTrial
-from hexctl.control.trial_plan import AUTO_ROTATION, AskedRotation, TrialPlan, suited_rotation
+from hexctl.control.trial_plan import AUTO_ROTATION, AskedRotation, suited_rotation
 from hexctl.control.trial_result import STATUSES, TrialResult
-from hexctl.gait.gait import make_gait
-from hexctl.robot.failure import Failure, each_failure
+from hexctl.gait.gait import AUTO
+from hexctl.robot.failure import Failure
 from hexctl.robot.failure_grammar import parse_kind
-from hexctl.study.held_out import HeldOutPlace, stable_gait_of
+from hexctl.runs.run_spec import RunSpec
+from hexctl.runs.walk_plan import plan_walk
+from hexctl.study.held_out import HeldOutPlace
 from hexctl.study.walk_cache import known
 
 Hold = Literal["none", "heading", "line"]
@@ -99,16 +101,15 @@ class HoldPlace(HeldOutPlace[HoldCase, HoldWalk]):
 
     def trial(self, case: HoldCase) -> SimTrial:
         """Return the trial of a case, with the gait of the largest stability margin."""
-        plan = TrialPlan(
-            gait=make_gait(self.robot, (1, 2, 3, 4, 5, 6)),
+        rotation_of = "line" if case.hold == "none" else case.hold
+        walk = RunSpec(
+            gait=AUTO,
             duration_s=self.duration_s,
-            failures=each_failure(case.leg_failure),
-            self_rotation=suited_rotation(
-                self.self_rotation, "line" if case.hold == "none" else case.hold, chosen_gait=True
-            ),
+            failure=case.leg_failure,
+            self_rotation=suited_rotation(self.self_rotation, rotation_of, chosen_gait=True),
             hold=case.hold,
         )
-        plan = replace(plan, gait=stable_gait_of(self.robot, plan))
+        plan = plan_walk(walk, self.robot)
         return SimTrial(
             robot=self.robot, plan=plan, failures=plan.failures, world=self.world, seed=self.number
         )

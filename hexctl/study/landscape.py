@@ -14,11 +14,12 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.batch import SimTrial
 from hexctl.control.planning.static_stability import in_posture, usual_posture
-from hexctl.control.trial_plan import Hold, SelfRotation, TrialPlan
+from hexctl.control.trial_plan import Hold, SelfRotation
 from hexctl.control.trial_result import QUALITIES, STATUSES, TrialResult
-from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_grammar import parse_kind
+from hexctl.runs.run_spec import RunSpec
+from hexctl.runs.walk_plan import plan_walk
 from hexctl.study.walk_cache import Place, known
 from hexctl.types import ArrayFields, BoolArray, FloatArray
 
@@ -123,14 +124,14 @@ class LandscapeSpec(Place[int, GaitWalk]):
 
     def trial(self, case: int) -> SimTrial:
         """Return the trial of a code."""
-        plan = TrialPlan(
-            gait=make_gait(self.robot, self.space.slots_of(case)),
+        walk = RunSpec(
+            gait=case,
             duration_s=self.duration_s,
-            failures=(self.leg_failure,),
+            failure=self.leg_failure,
             self_rotation=self.self_rotation,
             hold=self.hold,
         )
-        plan = in_posture(self.robot, plan, usual_posture(self.hold))
+        plan = in_posture(self.robot, plan_walk(walk, self.robot), usual_posture(self.hold))
         trial = SimTrial(
             robot=self.robot, plan=plan, failures=plan.failures, world=self.world, seed=self.seed
         )

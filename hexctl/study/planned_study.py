@@ -10,13 +10,13 @@ from typing import Any
 from hexctl.adapt.prior.prior import Prior, load_prior
 from hexctl.adapt.prior.prior_files import find_prior, prior_folders
 from hexctl.backends.sim.world import DEFAULT_WORLD, DomainRandomization, load_randomization, load_world
-from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError, argument
-from hexctl.gait.gait import make_gait
 from hexctl.options import listed
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
+from hexctl.runs.run_spec import RunSpec
+from hexctl.runs.walk_plan import plan_walk
 from hexctl.settings import find_settings
 from hexctl.study import hold_plan
 from hexctl.study.experiment import Experiment, Result
@@ -74,7 +74,8 @@ def _prior(options: StudyOptions, robot: Robot, runs: Path) -> Prior:
         return load_prior(Path(str(options.prior)))
     check_each("legs", map(str, options.legs))
     failure = parse_kind(options.legs[0], options.failure or TransferPlan.failure)
-    plan = TrialPlan(gait=make_gait(robot, "demo"), duration_s=options.duration_s, failures=(failure,))
+    walk = RunSpec(gait="demo", duration_s=options.duration_s, failure=failure, hold="none")
+    plan = plan_walk(walk, robot)
     found = find_prior(robot, plan, prior_folders(runs))
     if found.path is None:
         raise InputError(

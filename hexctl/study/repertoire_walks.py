@@ -10,11 +10,13 @@ import numpy as np
 
 from hexctl.control.batch import SimTrial
 from hexctl.control.monitor.repertoire import INTACT_GAIT, Candidate
-from hexctl.control.trial_plan import GaitChange, TrialPlan
+from hexctl.control.trial_plan import GaitChange
 from hexctl.control.trial_result import STATUSES, TrialResult
 from hexctl.gait.gait import ideal_speed_m_s, make_gait
 from hexctl.robot.failure_grammar import parse_failure_event
 from hexctl.robot.model import Robot
+from hexctl.runs.run_spec import RunSpec
+from hexctl.runs.walk_plan import plan_walk
 from hexctl.study.held_out import HeldOutPlace
 from hexctl.study.recovery.episodes import Track
 from hexctl.study.walk_cache import ENDED, known
@@ -107,17 +109,17 @@ class RepertoirePlace(HeldOutPlace[RepertoireCase, CandidateWalk]):
         before_s = (ALARM_CYCLES + PHASES_CYCLES * share) / gait.pace_hz
         change_at_s = change_s(self.robot)
         at_s = change_at_s - before_s
-        plan = TrialPlan(
+        walk = RunSpec(
             gait=gait,
             heading_rad=math.radians(case.heading_deg),
             duration_s=measured_s(self.robot)[1],
             self_rotation="none",
             hold="line",
-            changes=(GaitChange(gait=case.candidate.gait(gait), at_s=change_at_s),),
+            then=(GaitChange(gait=case.candidate.gait(gait), at_s=change_at_s),),
         )
         return SimTrial(
             robot=self.robot,
-            plan=plan,
+            plan=plan_walk(walk, self.robot),
             failures=None,
             world=self.world,
             seed=self.number,

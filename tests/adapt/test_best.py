@@ -22,7 +22,8 @@ from hexctl.errors import InputError
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.robot.failure import Failure
 from hexctl.runs.run import Run, run
-from hexctl.runs.run_spec import RunSpec, plan_of
+from hexctl.runs.run_spec import RunSpec
+from hexctl.runs.walk_plan import plan_walk
 from tests.adapt.priors import key_of, made_up_prior, made_up_score_prior
 from tests.adapt.walking import closing_lines, stored_session
 from tests.robots import shipped
@@ -184,8 +185,8 @@ def test_a_session_keeps_the_stride_of_each_trial_and_the_best_walks_again(tmp_p
     assert best.stride is not None
     walked = load_setting(session.spec).plan_for(best.slots, stride=best.stride).gait
     asked = spec(gait=f"best:{session.name}", failure=Failure(leg=2))
-    assert plan_of(best_gait(asked, tmp_path).spec, shipped()).gait == walked
+    assert plan_walk(best_gait(asked, tmp_path).spec, shipped()).gait == walked
     later = best_gait(replace(asked, gait="wave", then=(f"{asked.gait}@2",)), tmp_path).spec
-    assert plan_of(later, shipped()).changes == (GaitChange(gait=walked, at_s=2.0),)
+    assert plan_walk(later, shipped()).changes == (GaitChange(gait=walked, at_s=2.0),)
     slow = best_gait(replace(asked, pace_hz=0.5), tmp_path).spec
-    assert plan_of(slow, shipped()).gait.pace_hz == 0.5
+    assert plan_walk(slow, shipped()).gait.pace_hz == 0.5

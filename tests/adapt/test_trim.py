@@ -29,7 +29,8 @@ from hexctl.control.scoring.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
-from hexctl.runs.run_spec import RunSpec, plan_of
+from hexctl.runs.run_spec import RunSpec
+from hexctl.runs.walk_plan import plan_walk
 from hexctl.testing.optimizer_conformance import ONE_FAILED
 from tests.adapt.walking import arc_of, closing_lines
 from tests.robots import shipped
@@ -210,7 +211,7 @@ def test_a_session_straightens_one_gait_confirms_it_and_prints_how_to_walk_it() 
         turn_trim_rad_s=math.radians(float(options["--turn-trim"])),
     )
     spec.check()
-    plan = plan_of(spec, shipped())
+    plan = plan_walk(spec, shipped())
     assert (plan.trim_rad, plan.turn_trim_rad_s) == (best.trim.course_rad, best.trim.turn_rad_s)
     assert load_world(options["--world"]) == World(time_step_s=CONFIRM_STEP_S)
     row, walked = flat_rows(session)[-1], session.as_json()["trials"][-1]

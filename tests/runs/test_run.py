@@ -26,7 +26,8 @@ from hexctl.robot.failure import Failure, FailureEvent
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.runs.run import Run, run
-from hexctl.runs.run_spec import RunSpec, plan_of, spec_of
+from hexctl.runs.run_spec import RunSpec, spec_of
+from hexctl.runs.walk_plan import plan_walk
 from hexctl.types import FloatArray, RobotState
 from tests.control.posed import PosedMock
 from tests.robots import shipped
@@ -264,15 +265,15 @@ def test_several_legs_fail_from_the_start() -> None:
 
 
 def test_a_code_counts_among_the_arrangements_of_the_legs_that_are_left() -> None:
-    plan = plan_of(spec_of({"failed_leg": (2, 5), "gait": "24"}), shipped("ant"))
+    plan = plan_walk(spec_of({"failed_leg": (2, 5), "gait": "24"}), shipped("ant"))
     assert plan.gait.slots == (6, 2, 4, 3, 5, 1)
     with pytest.raises(InputError, match="gait"):
-        plan_of(spec_of({"failed_leg": (2, 5), "gait": "25"}), shipped("ant"))
+        plan_walk(spec_of({"failed_leg": (2, 5), "gait": "25"}), shipped("ant"))
 
 
 def test_a_change_to_auto_without_two_legs_is_a_crawl_and_one_to_a_name_is_none() -> None:
     options = {"failed_leg": (2, 3), "gait": "auto", "then": ("wave@5", "auto@9")}
-    wave, crawl = (change.gait for change in plan_of(spec_of(options), shipped("ant")).changes)
+    wave, crawl = (change.gait for change in plan_walk(spec_of(options), shipped("ant")).changes)
     assert (wave.phases, wave.swing_share) == (None, 1 / 3)
     assert crawl.phases is not None
     assert crawl.swing_share < 1 / 4
@@ -285,14 +286,14 @@ def test_auto_without_two_legs_refuses_what_it_finds_by_itself(
 ) -> None:
     options = {"gait": gait, "then": then, name: value}
     with pytest.raises(InputError, match=f"^{name}"):
-        plan_of(spec_of({"failed_leg": (2, 5), **options}), shipped("ant"))
-    assert plan_of(spec_of({"failed_leg": 2, **options}), shipped("ant"))
+        plan_walk(spec_of({"failed_leg": (2, 5), **options}), shipped("ant"))
+    assert plan_walk(spec_of({"failed_leg": 2, **options}), shipped("ant"))
 
 
 def test_a_body_that_is_to_stay_down_stays_down_with_a_change_to_auto() -> None:
     options = {"failed_leg": (2, 3), "gait": "wave", "then": ("auto@5",)}
     for given, raised in (({"body_raise": 0.0}, 0.0), ({}, 0.012)):
-        (change,) = plan_of(spec_of({**options, **given}), shipped("ant")).changes
+        (change,) = plan_walk(spec_of({**options, **given}), shipped("ant")).changes
         assert change.gait.posture.body_raise == raised
 
 

@@ -24,11 +24,11 @@ from hexctl.cli.render.stop_reasons import why_in_words
 from hexctl.cli.shared_options import NoRecordOption, record_folder
 from hexctl.cli.signature import with_options
 from hexctl.control.log import PACED_BLOCK_TICKS, Recorder, Recorders
-from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import EStopError
-from hexctl.gait.gait import make_gait
 from hexctl.robot.failure_grammar import read_failures
 from hexctl.robot.loader import load_robot_file
+from hexctl.runs.run_spec import RunSpec
+from hexctl.runs.walk_plan import plan_walk
 from hexctl.teleop.devices import open_devices
 from hexctl.teleop.drive_options import DriveOptions
 from hexctl.teleop.keyboard import has_keys
@@ -159,15 +159,17 @@ def _recorders(
 
     loaded = load_robot_file(str(options.robot))
     floor = make_floor(load_world(str(options.world or DEFAULT_WORLD)), options.seed) if simulated else None
-    plan = TrialPlan(
-        gait=make_gait(loaded.robot, options.gait),
-        failures=tuple(failures),
+    drive = RunSpec(
+        gait=options.gait,
+        failure=failures,
         self_rotation="none",
-        travel=0.0,
+        turn_rate_rad_s=0.0,  # the robot begins on the spot
+        hold="none",
         level=options.level,
         feet=options.feet,
         duration_s=86_400.0,  # only the driver ends a drive
     )
+    plan = plan_walk(drive, loaded.robot)
     title, servos = f"{loaded.robot.name} driven", not simulated
     common: dict[str, Any] = {"title": title, "floor": floor, "watched": True, "servos": servos}
     found: list[Recorder] = []

@@ -257,7 +257,7 @@ def check_robot(
     file = load_robot_file(robot)
     stable = most_stable_slots(file.robot, heading_rad=heading_rad or 0.0) if gait == AUTO else None
     checked = make_gait(
-        file.robot, stable or gait, pace_hz=pace_hz, amplitude=amplitude, height=height, besides=(AUTO,)
+        file.robot, stable or gait, pace_hz=pace_hz, amplitude=amplitude, height=height, others=(AUTO,)
     )
     motions = _motions(heading_rad, turn_rate_rad_s)
     return RobotCheck(

@@ -27,7 +27,10 @@ import numpy as np
 
 from hexctl.control.planning.crawl import two_up
 from hexctl.control.planning.static_stability import DIRECTION_STEP_RAD
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.walks.turning import body_heading_rad
 from hexctl.control.walks.velocity_walk import OVERDRIVE
+from hexctl.errors import InputError, argument
 from hexctl.gait.encoding import Slots
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import PACE_HZ, SWING_SHARE, Gait, Motion, ideal_speed_m_s
@@ -166,6 +169,18 @@ def fast_gaits(
     """
     direction = round(heading_rad / DIRECTION_STEP_RAD)
     return _fast_gaits(robot, gait, direction, tuple(sorted(lost)), reorder)
+
+
+def fastest_gait(robot: Robot, plan: TrialPlan, *, reorder: bool) -> Gait:
+    """The fastest of `fast_gaits` for a plan; raises InputError if the servos carry none."""
+    heading_rad = body_heading_rad(robot, plan)
+    gaits = fast_gaits(robot, plan.gait, heading_rad=heading_rad, lost=plan.failed_legs, reorder=reorder)
+    if not gaits:
+        raise InputError(
+            f"{argument('fast')}: the servos of {robot.name} do not carry this gait at any pace; "
+            "allowed: without; hexctl check says which joint is too weak"
+        )
+    return gaits[0]
 
 
 @lru_cache(maxsize=256)

@@ -28,10 +28,11 @@ from hexctl.control.planning.static_stability import usual_posture
 from hexctl.control.trial_plan import SelfRotation, TrialPlan
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.files import write_trouble
-from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import UNKNOWN
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
+from hexctl.runs.run_spec import RunSpec
+from hexctl.runs.walk_plan import plan_walk
 from hexctl.study.landscape import Landscape, LandscapeSpec
 from hexctl.study.plan import LandscapePlan, Plan, check_families, check_legs, check_setting, check_walks
 from hexctl.study.priors.prior_options import (
@@ -105,13 +106,14 @@ class PriorPlan(LandscapePlan):
     def trial_plan(self) -> TrialPlan:
         """Trial of a session that the prior is for, self-rotation included, with the gait `demo`."""
         failure = parse_kind(self.legs[0], self.failure)
-        return TrialPlan(
-            gait=make_gait(self.robot, "demo"),
+        walk = RunSpec(
+            gait="demo",
             duration_s=self.duration_s,
-            failures=(failure,),
+            failure=failure,
             self_rotation=self.self_rotation,
             hold=self.hold,
         )
+        return plan_walk(walk, self.robot)
 
     @property
     def key(self) -> PriorKey:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -12,14 +12,15 @@ from hexctl.control.controllers import Controller
 from hexctl.control.custom_controller import StepFunction
 from hexctl.control.monitor.repertoire import find_repertoire
 from hexctl.control.preparation import WalkStart
-from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import STATUSES, TrialResult
-from hexctl.gait.gait import Gait, ideal_speed_m_s, make_gait
+from hexctl.gait.gait import AUTO, Gait, ideal_speed_m_s
 from hexctl.learning.policy import KIND as POLICY
 from hexctl.learning.policy import policy_file
 from hexctl.robot.failure import FailureEvent
 from hexctl.robot.failure_grammar import parse_failure_event
-from hexctl.study.held_out import HeldOutPlace, stable_gait_of
+from hexctl.runs.run_spec import RunSpec
+from hexctl.runs.walk_plan import plan_walk
+from hexctl.study.held_out import HeldOutPlace
 from hexctl.study.recovery.methods import METHODS, Alarm, method_of
 from hexctl.study.recovery.trial_and_error import KIND as BEHAVIOURS
 from hexctl.study.recovery.trial_and_error import behaviours_file
@@ -206,7 +207,7 @@ class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
 
     def settings(self) -> dict[str, Any]:
         """Settings that decide a walk, with what was learned before for the robot."""
-        plan = TrialPlan(gait=make_gait(self.robot, "tripod"), hold="line")
+        plan = plan_walk(RunSpec(hold="line"), self.robot)
         repertoire = find_repertoire(self.robot, plan)
         digest = None if repertoire is None else repertoire.digest
         learned = {
@@ -243,18 +244,16 @@ class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
 
     def trial(self, case: RecoveryCase) -> SimTrial:
         """Return the trial of a case; methods distinguish walks by the identity of their plans."""
-        plan = TrialPlan(
-            gait=make_gait(self.robot, "tripod" if case.gait == AUTO_GAIT else case.gait),
+        walk = RunSpec(
+            gait=AUTO if case.gait == AUTO_GAIT else case.gait,
             heading_rad=math.radians(case.heading_deg),
             duration_s=self.duration_s,
             self_rotation="none",
             hold="line",
         )
-        if case.gait == AUTO_GAIT:
-            plan = replace(plan, gait=stable_gait_of(self.robot, plan))
         return SimTrial(
             robot=self.robot,
-            plan=plan,
+            plan=plan_walk(walk, self.robot),
             failures=None,
             world=self.world,
             seed=self.number,

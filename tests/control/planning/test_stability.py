@@ -34,7 +34,8 @@ from hexctl.gait.posture import Posture
 from hexctl.ik.support_polygon import centre_of_mass_body, support
 from hexctl.robot.failure import each_failure
 from hexctl.runs.run import run
-from hexctl.runs.run_spec import RunSpec, plan_of
+from hexctl.runs.run_spec import RunSpec
+from hexctl.runs.walk_plan import plan_walk
 from tests.robots import ROBOT_NAMES, shipped
 
 # Margins
@@ -292,12 +293,12 @@ def test_two_of_five_legs_are_in_the_air_at_any_time() -> None:
 def test_a_fast_walk_keeps_the_order_of_a_gait_by_its_name_and_of_auto_only_with_six_legs() -> None:
     robot, failure = shipped("ant"), Failure(leg=5)
     spec = RunSpec(fast=True, gait="demo", failure=(failure,))
-    coded = plan_of(spec, robot).gait
+    coded = plan_walk(spec, robot).gait
     assert (coded.slots, coded.swing_share) == (make_gait(robot, "demo").slots, SWING_SHARE)
-    fast = plan_of(replace(spec, gait="auto"), robot).gait
+    fast = plan_walk(replace(spec, gait="auto"), robot).gait
     assert fast.swing_share == 2 / 5
     assert fast.pace_hz * fast.amplitude > coded.pace_hz * coded.amplitude
-    slow = auto_gait(robot, plan_of(replace(spec, fast=False, gait="auto"), robot))
+    slow = auto_gait(robot, plan_walk(replace(spec, fast=False, gait="auto"), robot))
     assert fast.posture == slow.posture
     assert round(fast.amplitude / slow.amplitude, 6) in AMPLITUDES
 
