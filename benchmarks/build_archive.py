@@ -57,7 +57,7 @@ def evaluated(shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
     trials = [SimTrial(robot=robot, plan=replace(plan), failures=None, world=WORLD) for _ in shapes]
 
     def make(start: WalkStart) -> CountedWalk:
-        walks.append(CountedWalk(start, hold="line", told_s=np.zeros(len(start.plans)), shapes=shapes))
+        walks.append(CountedWalk(start, hold="line", failure_s=np.zeros(len(start.plans)), shapes=shapes))
         return walks[-1]
 
     results = run_sim_trials(trials, 1, make)

@@ -29,7 +29,7 @@ GREY: Color = (120, 120, 124)
 #: An invalid trial, the line of travel, the path of the body, and the best so far.
 INVALID_COLOR: Color = GREY
 LINE_COLOR: Color = (80, 140, 240)
-WAY_COLOR: Color = (204, 130, 0)
+PATH_COLOR: Color = (204, 130, 0)
 BEST_COLOR: Color = (210, 95, 0)
 
 #: Paths and horizontal lines of the baseline by gait, and of any other one.

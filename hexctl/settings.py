@@ -86,7 +86,7 @@ class Setting:
         """Whether it is a variable of the environment."""
         return not self.key
 
-    def placed(self, text: str) -> str:
+    def path_of(self, text: str) -> str:
         """A path of this setting: relative to `folder` unless absolute, `~` is the home folder."""
         return str(self.folder / _expanded(text))
 
@@ -286,7 +286,7 @@ def _misspelt(variables: Mapping[str, str]) -> Iterator[str]:
 
 def _text(key: str, setting: Setting) -> str:
     text = str(setting.value)
-    return setting.placed(text) if is_path(key, text) else text
+    return setting.path_of(text) if is_path(key, text) else text
 
 
 def is_path(key: str, text: str) -> bool:

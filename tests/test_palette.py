@@ -19,7 +19,7 @@ LABELS: tuple[Color, ...] = ((34, 36, 40), (124, 126, 130), (138, 142, 147))
 LINES: dict[str, tuple[Color, ...]] = {
     "deviation": tuple(color for _, color in palette.SCALE),
     "invalid": (palette.INVALID_COLOR,),
-    "line of travel, way, best": (palette.LINE_COLOR, palette.WAY_COLOR, palette.BEST_COLOR),
+    "line of travel, way, best": (palette.LINE_COLOR, palette.PATH_COLOR, palette.BEST_COLOR),
     "baseline": (*palette.BASELINE_COLORS.values(), palette.OTHER_BASELINE_COLOR),
     "legs": (*palette.LEG_COLORS, palette.ALARM_COLOR),
     "commanded": tuple(commanded for commanded, _ in palette.JOINT_COLORS.values()),
@@ -35,7 +35,7 @@ TOGETHER = {
     "measured": LINES["measured"],
     "verdicts": LINES["verdicts"],
     "curve": (*palette.BASELINE_COLORS.values(), palette.BEST_COLOR),
-    "scene": (palette.LINE_COLOR, palette.WAY_COLOR),
+    "scene": (palette.LINE_COLOR, palette.PATH_COLOR),
     "conditions of a leg": tuple(
         links["femur"] for links in (palette.LINK_COLORS, palette.FAILED_COLORS, palette.NOTICED_COLORS)
     ),

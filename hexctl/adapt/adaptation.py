@@ -51,7 +51,7 @@ from hexctl.gait.gait import AUTO, NAMED_SLOTS
 from hexctl.options import check_names
 from hexctl.recording.live import LiveView
 from hexctl.recording.rrd import check_utf8
-from hexctl.waiting import StopRequested, never
+from hexctl.waiting import StopRequested, never_requested
 
 OnBegin = Callable[[Session], None]
 
@@ -213,7 +213,7 @@ class Adaptation:
         *,
         on_begin: OnBegin | None = None,
         on_stored: OnStored | None = None,
-        stop_requested: StopRequested = never,
+        stop_requested: StopRequested = never_requested,
     ) -> AdaptationResult:
         """Search until the session ends; the result reports trouble with the robot or the recordings.
 
@@ -280,7 +280,7 @@ class Adaptation:
         self, store: SessionStore, stack: ExitStack, setting: Setting, stop_requested: StopRequested
     ) -> tuple[Session, Guard | None]:
         """Hold the session and connect its robot; a resumed session is held first, a new one made last."""
-        session = None if self._resumed is None else self._held_again(self._resumed.name, store, stack)
+        session = None if self._resumed is None else self._locked_again(self._resumed.name, store, stack)
         spec = self.spec if session is None else session.spec
         begins = session is None or not session.trials
         servos = stack.enter_context(connected_robot(spec, setting, self._servos, self._note))
@@ -298,8 +298,8 @@ class Adaptation:
             session = store.create(spec, stack)
         return session, servos
 
-    def _held_again(self, name: str, store: SessionStore, stack: ExitStack) -> Session:
-        stack.enter_context(store.held(name))
+    def _locked_again(self, name: str, store: SessionStore, stack: ExitStack) -> Session:
+        stack.enter_context(store.locked(name))
         # Loaded again under the lock: another process may have changed it. Damage is reported already.
         damage: list[HexctlError] = []
         session = self._resumed = load_session(name, store.folder, on_damage=damage.append)
@@ -374,7 +374,7 @@ def adapt(
     note: Note = log_note,
     on_stored: OnStored | None = None,
     progress: bool = True,
-    stop_requested: StopRequested = never,
+    stop_requested: StopRequested = never_requested,
     **options: Any,
 ) -> AdaptationResult:
     """Find a gait for a failed leg, as `hexctl adapt` does; also called as `hexctl.adapt(...)`.

@@ -111,7 +111,7 @@ def aimed(
     return replace(plan, heading_rad=turn_rad + body_rad, turn_rad=turn_rad)
 
 
-def as_placed(plan: TrialPlan, robot: Robot) -> TrialPlan:
+def facing_ahead(plan: TrialPlan, robot: Robot) -> TrialPlan:
     """Plan for a robot that an operator has placed in its direction after the self-rotation."""
     return replace(plan, heading_rad=body_heading_rad(robot, plan), turn_rad=0.0)
 

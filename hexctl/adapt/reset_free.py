@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 
-from hexctl.adapt.arena import Arena, Geofence, aimed, as_placed
+from hexctl.adapt.arena import Arena, Geofence, aimed, facing_ahead
 from hexctl.adapt.measurement import Operator, measured
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.optimizers.shipped import TRIM
@@ -29,7 +29,7 @@ from hexctl.control.walks.turning import turn_gait
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import ideal_speed_m_s
-from hexctl.robot.failure import drawn_failure, untold_note
+from hexctl.robot.failure import difference_note, drawn_failure
 from hexctl.types import RobotState, joint_in_words
 from hexctl.waiting import StopRequested, comes_true
 
@@ -82,7 +82,7 @@ class ResetFreeRunner:
         if self.runner.spec.cool_down_c is not None:
             cool_down(self.servos, self.runner.spec.cool_down_c, self.runner.stop_requested, self.note)
         if self.operator is not None:
-            return self._walk_and_ask(self.operator, request, as_placed(plan, self.runner.setting.robot))
+            return self._walk_and_ask(self.operator, request, facing_ahead(plan, self.runner.setting.robot))
         if self.arena is not None:
             return self._walk_inside(self.arena, request, plan)
         await_ready(self.servos)
@@ -259,7 +259,7 @@ def connected_robot(
     `given` is the robot, if it is not made by `spec.backend`. Raises RobotFaultError if it cannot be reached.
     """
     if spec.simulated:
-        text = untold_note(drawn_failure(setting.robot, spec.broken, spec.seed), spec.broken)
+        text = difference_note(drawn_failure(setting.robot, spec.broken, spec.seed), spec.broken)
         if text is not None:
             note(text)
         yield None

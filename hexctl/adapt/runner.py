@@ -32,7 +32,7 @@ from hexctl.gait.encoding import Slots
 from hexctl.recording.live import LiveView
 from hexctl.recording.recording import Recording
 from hexctl.robot.failure import NoticedFailure, in_words, loses_leg
-from hexctl.waiting import StopRequested, never
+from hexctl.waiting import StopRequested, never_requested
 
 
 class InterruptedTrialError(Exception):
@@ -125,7 +125,7 @@ class TrialRunner:
     spec: SessionSpec
     setting: Setting
     folder: Path | None
-    stop_requested: StopRequested = never
+    stop_requested: StopRequested = never_requested
     live: LiveView | None = None
 
     def walk(self, request: TrialRequest) -> WalkedTrial:

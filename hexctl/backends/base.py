@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol, Self, runtime_checkable
 
 from hexctl.backends.clock import Clock
 from hexctl.errors import CommandRefusedError, InputError, RobotFaultError, check_type
-from hexctl.robot.failure import Failure, Failures, each_failure, failure_text, untold_note
+from hexctl.robot.failure import Failure, Failures, difference_note, each_failure, failure_text
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.raw_map import RawMap
@@ -268,18 +268,18 @@ def as_robot(robot: Robot | str | Path) -> Robot:
     return robot
 
 
-def connection_notes(servos: LegServos, told: Failures) -> list[str]:
-    """Notes on the robot, faults of its servos, and failures that differ from the `told` ones."""
+def connection_notes(servos: LegServos, assumed: Failures) -> list[str]:
+    """Notes on the robot, faults of its servos, and failures that differ from the `assumed` ones."""
     simulation, remote = servos.simulation, servos.remote
     identity = None if remote is None else remote.identity
     notes = [] if identity is None else [f"the robot is {identity}"]
     if servos.moves_hardware:
         notes.append(UNSERVED)
-    if simulation is not None and (note := untold_note(simulation.failures, told)) is not None:
+    if simulation is not None and (note := difference_note(simulation.failures, assumed)) is not None:
         notes.append(note)
     notes += [f"servos: {warning}" for warning in servos.read().warnings]
     there = None if remote is None else (remote.simulated or {}).get("failure")
-    here = failure_text(*each_failure(told))
+    here = failure_text(*each_failure(assumed))
     if there not in (None, here):
         notes.append(f"the simulated robot there has failure {there}, this end walks as with failure {here}")
     return notes

@@ -11,7 +11,7 @@ from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState
 
 #: Commands that the mock remembers.
-KEPT_COMMANDS = 10_000
+LOGGED_COMMANDS = 10_000
 
 
 class MockServos(OwnServos):
@@ -26,7 +26,7 @@ class MockServos(OwnServos):
         super().__init__(robot, clock or WallClock())
         self._connected = False
         self._positions_rad = self._robot.stance_angles_rad.copy()
-        self.sent: deque[JointTargets] = deque(maxlen=KEPT_COMMANDS)
+        self.sent: deque[JointTargets] = deque(maxlen=LOGGED_COMMANDS)
         self.limp = False
 
     def connect(self) -> None:

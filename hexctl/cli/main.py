@@ -124,8 +124,8 @@ app = Commands(
 )
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(asked: bool) -> None:
+    if asked:
         from importlib.metadata import version
 
         typer.echo(f"hexctl {version('hexctl')}")

@@ -400,7 +400,7 @@ def _one_text(param: Any, setting: "Setting", value: Any) -> str:
     text = str(value)
     relative = param.type_descriptor.annotation is Path or text.startswith(("./", "../", "~/"))
     starts_there = isinstance(value, str) and (relative or is_path(_flag(param), text))
-    return setting.placed(text) if starts_there else text
+    return setting.path_of(text) if starts_there else text
 
 
 def _by_place(ctx: Any, origins: "Mapping[str, Setting]") -> dict[str, list[str]]:

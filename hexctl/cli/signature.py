@@ -78,8 +78,8 @@ def _frozen(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-def _help_all(context: typer.Context, wanted: bool) -> None:
-    if not wanted:
+def _help_all(context: typer.Context, asked: bool) -> None:
+    if not asked:
         return
     for parameter in context.command.params:
         vars(parameter)["hidden"] = parameter.name == _HELP_ALL.name

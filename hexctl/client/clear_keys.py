@@ -11,7 +11,7 @@ from hexctl.files import read_secret, state_folder, write_new
 from hexctl.wire.stop import CLEAR_KEY_BYTES, claim_in, claim_of, new_clear_key
 
 #: Keys on the disk; older ones are removed.
-MOST_KEPT = 64
+MOST_KEYS = 64
 
 #: Keys that this process made, by claim: it can clear its own stops without the disk.
 _OWN: dict[str, str] = {}
@@ -42,7 +42,7 @@ class NewClaim:
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             write_new(path, self._key, "key", mode=0o600)
             kept = sorted(path.parent.glob("clear-*.key"), key=lambda one: one.lstat().st_mtime)
-            for old in kept[:-MOST_KEPT]:
+            for old in kept[:-MOST_KEYS]:
                 old.unlink(missing_ok=True)
 
 
@@ -53,7 +53,7 @@ class StopOrder:
     """
 
     def __init__(self) -> None:
-        self.wanted, self.pressed_s = threading.Event(), 0.0
+        self.ordered, self.pressed_s = threading.Event(), 0.0
         self._claim = NewClaim()
         self._lock = threading.Lock()
 
@@ -64,9 +64,9 @@ class StopOrder:
 
     def press(self) -> None:
         """Want a stop; never waits."""
-        if not self.wanted.is_set():
+        if not self.ordered.is_set():
             self.pressed_s = time.monotonic()
-        self.wanted.set()
+        self.ordered.set()
         self._claim.keep()
 
     def cleared(self, request: bytes) -> None:
@@ -74,10 +74,10 @@ class StopOrder:
         with self._lock:
             if request == self.request:
                 self._claim = NewClaim()
-                if self.wanted.is_set():
+                if self.ordered.is_set():
                     self._claim.keep()
 
-    def wait_kept(self, timeout_s: float) -> None:
+    def wait_stored(self, timeout_s: float) -> None:
         """Wait until the key that clears the stop is on the disk."""
         self._claim.wait(timeout_s)
 

@@ -13,7 +13,7 @@ from hexctl.errors import RobotFaultError
 from hexctl.robot.failure_grammar import parse_failure_now, parse_leg
 from hexctl.wire.description import RobotIdentity, check_may_command, robot_name, status_of
 from hexctl.wire.links import ANY_ROBOT, Link, Role
-from hexctl.wire.stop import HOLD_S, MOST_CLAIMS, MOST_OTHERS_HOLD_S, MOST_UNCLAIMED_HOLD_S
+from hexctl.wire.stop import LOCKOUT_S, MOST_CLAIMS, MOST_OTHERS_LOCKOUT_S, MOST_UNCLAIMED_LOCKOUT_S
 from hexctl.wire.zenoh_session import open_session
 
 ANSWER_TIMEOUT_S = 5.0
@@ -120,18 +120,18 @@ def _wait_to_clear(stop: dict[str, Any], waiting: Callable[[str, float], None] |
     claims = _claims_of(stop)
     keys = keys_for(claims)
     if not claims or len(keys) == len(claims):
-        time.sleep(_wait_s(stop.get("clear_in_s", 0.0), HOLD_S if claims else MOST_UNCLAIMED_HOLD_S))
+        time.sleep(_wait_s(stop.get("clear_in_s", 0.0), LOCKOUT_S if claims else MOST_UNCLAIMED_LOCKOUT_S))
         return keys
-    wait_s = _wait_s(stop.get("others_in_s", 0.0), MOST_OTHERS_HOLD_S)
+    wait_s = _wait_s(stop.get("others_in_s", 0.0), MOST_OTHERS_LOCKOUT_S)
     if wait_s > 0 and waiting is not None:
         waiting(str(stop.get("by") or "another client"), wait_s)
     time.sleep(wait_s)
     return keys
 
 
-def _wait_s(told_s: object, most_s: float) -> float:
+def _wait_s(reported_s: object, most_s: float) -> float:
     """The value from the network may be anything."""
-    return min(most_s, max(0.0, told_s)) if isinstance(told_s, float) else HOLD_S
+    return min(most_s, max(0.0, reported_s)) if isinstance(reported_s, float) else LOCKOUT_S
 
 
 def _claims_of(stop: dict[str, Any]) -> list[Any]:

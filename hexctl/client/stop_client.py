@@ -190,7 +190,7 @@ class ReadyStop:
         """End; without `stays`, wait for the confirmation of a press."""
         if not self._stays and self._order.pressed_s:
             self._confirmed.wait(END_S)
-            self._order.wait_kept(KEY_WRITE_S)
+            self._order.wait_stored(KEY_WRITE_S)
         self._session.end()
         self._datagrams.end()
 
@@ -209,7 +209,7 @@ class ReadyStop:
     def press(self) -> None:
         """Stop the robot by all ways; thread-safe, never waits."""
         with self._lock:
-            if not self._order.wanted.is_set():
+            if not self._order.ordered.is_set():
                 self._confirmed.clear()
             self._order.press()
         self._datagrams.wake()
@@ -233,7 +233,7 @@ class ReadyStop:
         """How the robot can currently be reached."""
         now_s = time.monotonic()
         with self._lock:
-            fresh = {way: one for way, one in self._seen.items() if now_s - one.at_s < SILENCE_S}
+            fresh = {channel: one for channel, one in self._seen.items() if now_s - one.at_s < SILENCE_S}
         trouble = []
         if "datagram" not in fresh:
             trouble.append(self._datagrams.trouble or "no answer to datagrams")
@@ -261,7 +261,7 @@ class ReadyStop:
                 self._raise_if_late()
                 rests_since_s = time.monotonic()
             elif self._session_is_over() or time.monotonic() - rests_since_s >= identity_s:
-                self._order.wait_kept(KEY_WRITE_S)
+                self._order.wait_stored(KEY_WRITE_S)
                 return result
             time.sleep(POLL_S)
 
@@ -270,7 +270,7 @@ class ReadyStop:
 
     def watch(self, result: StopResult) -> Iterator[str]:
         """Yield a line for each change of a stopped robot, which is then no longer stopped again."""
-        self._order.wanted.clear()
+        self._order.ordered.clear()
         watch = StopWatch(result.stop_id)
         while True:
             with self._lock:
@@ -279,32 +279,32 @@ class ReadyStop:
                 yield line
             time.sleep(WATCH_S)
 
-    def _see(self, way: str, sighting: Sighting) -> None:
+    def _see(self, channel: str, sighting: Sighting) -> None:
         with self._lock:
-            self._take(way, sighting)
+            self._take(channel, sighting)
 
-    def _take(self, way: str, sighting: Sighting) -> None:
-        before = self._seen.get(way)
-        self._seen[way] = sighting
-        obeyed = self._datagrams.obeyed if way == "datagram" else self._session.obeyed
+    def _take(self, channel: str, sighting: Sighting) -> None:
+        before = self._seen.get(channel)
+        self._seen[channel] = sighting
+        obeyed = self._datagrams.obeyed if channel == "datagram" else self._session.obeyed
         if obeyed is None or sighting.stopped is None:
-            self._rested.pop(way, None)
+            self._rested.pop(channel, None)
             return
         if self._first_stop_s is None:
             self._first_stop_s = time.monotonic()
         if sighting.at_s >= self._order.pressed_s:
             self._confirmed.set()
-            if not self._stays and (way == "session" or not self._session.opened):
-                self._order.wanted.clear()  # not while a session may still add the requester
+            if not self._stays and (channel == "session" or not self._session.opened):
+                self._order.ordered.clear()  # not while a session may still add the requester
         if not sighting.at_rest:
-            self._rested.pop(way, None)
-        elif way not in self._rested or before is None or sighting.at_s - before.at_s > MOST_PAUSE_S:
-            self._rested[way] = sighting.at_s
+            self._rested.pop(channel, None)
+        elif channel not in self._rested or before is None or sighting.at_s - before.at_s > MOST_PAUSE_S:
+            self._rested[channel] = sighting.at_s
 
     def _rested_since_s(self) -> float | None:
         """One way's rest does not count if the other has since seen motion."""
-        for way, since_s in self._rested.items():
-            if self._seen[way].at_s - since_s >= RESTS_S and not self._moved_since(since_s):
+        for channel, since_s in self._rested.items():
+            if self._seen[channel].at_s - since_s >= RESTS_S and not self._moved_since(since_s):
                 return since_s
         return None
 
@@ -337,7 +337,7 @@ class ReadyStop:
         return RobotFaultError(f"{why}{'' if why.endswith('?') else '.'} {OVERLOADED}")
 
     def _result(self, rested_s: float) -> StopResult:
-        stops = {way: one for way, one in self._seen.items() if one.stopped is not None}
+        stops = {channel: one for channel, one in self._seen.items() if one.stopped is not None}
         newest = max(stops.values(), key=lambda one: one.at_s)
         assert self._first_stop_s is not None  # noqa: S101  it rests because it has stopped
         return StopResult(

@@ -125,7 +125,7 @@ class DatagramStop:
                 time.sleep(STOP_PERIOD_S)
 
     def _ask_once(self) -> None:
-        period_s = STOP_PERIOD_S if self._order.wanted.is_set() else ASK_PERIOD_S
+        period_s = STOP_PERIOD_S if self._order.ordered.is_set() else ASK_PERIOD_S
         self._follow_host()
         self._send()
         until_s = time.monotonic() + period_s
@@ -169,7 +169,7 @@ class DatagramStop:
         datagram = StopDatagram(kind=Kind.ASK, nonce=nonce)
         request = self._order.request
         obeys = self.obeyed == request and self._obeyed_s >= self._order.pressed_s
-        if self._order.wanted.is_set() and not obeys and self._epoch is not None:
+        if self._order.ordered.is_set() and not obeys and self._epoch is not None:
             datagram = StopDatagram(kind=Kind.STOP, nonce=nonce, epoch=self._epoch, request=request)
         return datagram.packed(self._secret)
 
@@ -199,7 +199,7 @@ class DatagramStop:
             if answer.stopped and answer.request == self._order.request:
                 self.obeyed, self._obeyed_s = answer.request, asked_s
             self._see(_sighting(answer, asked_s))
-            return new_epoch and self._order.wanted.is_set() and self.obeyed is None
+            return new_epoch and self._order.ordered.is_set() and self.obeyed is None
         return False
 
 
@@ -294,10 +294,10 @@ class SessionStop:
         with remote_robots(self._link, Role.CONTROLLER) as robots:
             self.opened, self.error, self._all_stay = True, None, False
             while not self._ends:
-                if self._order.wanted.is_set() and not self._all_stay:
+                if self._order.ordered.is_set() and not self._all_stay:
                     self._stop(robots)
                 self._look(robots)
-                self._pause(SESSION_WATCH_S if self._order.wanted.is_set() else SESSION_ASK_S)
+                self._pause(SESSION_WATCH_S if self._order.ordered.is_set() else SESSION_ASK_S)
 
     def _stop(self, robots: "RemoteRobots") -> None:
         """Ask all robots to stop; a repeated request renews nothing."""
@@ -308,7 +308,7 @@ class SessionStop:
         self.answers = [one for one in self.answers if not _names([one]) & names] + answers
 
     def _look(self, robots: "RemoteRobots") -> None:
-        asked_s, pressed = time.monotonic(), self._order.wanted.is_set()
+        asked_s, pressed = time.monotonic(), self._order.ordered.is_set()
         self._all_stay = False
         statuses = robots.statuses()
         if not statuses:

@@ -38,7 +38,7 @@ from hexctl.control.trace import TrialFrame
 from hexctl.control.trial import planned_walk, run_trial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
-from hexctl.control.walks.steering import held
+from hexctl.control.walks.steering import possible_hold
 from hexctl.control.walks.turning import check_plan, turn_needed_rad
 from hexctl.errors import (
     CommandRefusedError,
@@ -223,7 +223,7 @@ def _run_group(
                     score(servos.robot, plan, status=status, controller=name) for plan in plans
                 ]
                 continue
-            alike = (held(plans[0], start.frame), start.frame is None, *batch_layout(servos))
+            alike = (possible_hold(plans[0], start.frame), start.frame is None, *batch_layout(servos))
             one = _Ready(guard, servos, replace(start, plans=plans, batch_shape=(len(plans),)))
             ready.setdefault(alike, {})[number] = one
         for group in ready.values():
@@ -311,19 +311,19 @@ class _Walks:
             state = self._batch.read()
             asked = running.copy()
             self._watch(state)
-            wanted_rad = self._controller.targets_rad(step, state)
-            wanted_rad = as_joint_angles(wanted_rad, "controller", leading_shape=running.shape)
+            requested_rad = self._controller.targets_rad(step, state)
+            requested_rad = as_joint_angles(requested_rad, "controller", leading_shape=running.shape)
             self._limited[asked] = np.broadcast_to(self._controller.limited_steps, asked.shape)[asked]
-            self._refuse(wanted_rad)
+            self._refuse(requested_rad)
             before_rad, self._accepted_rad = (
                 self._accepted_rad,
-                self._limits.apply(wanted_rad, self._accepted_rad),
+                self._limits.apply(requested_rad, self._accepted_rad),
             )
             self._moving = np.abs(self._accepted_rad - before_rad).max(axis=-1) > MOVES_RAD
             self._batch.write(self._accepted_rad)
             self._samples.add(state, self._accepted_rad)
             self._effort.add(state, self._accepted_rad, running)
-            self._clipped += running & (self._accepted_rad != wanted_rad).any(axis=-1)
+            self._clipped += running & (self._accepted_rad != requested_rad).any(axis=-1)
             self._walked += running
             if state.base_position_world is not None:
                 self._positions[:, step] = state.base_position_world
@@ -394,12 +394,12 @@ class _Walks:
             self._stopped[index] = POSE_LOST
         self._end(lost, "aborted")
 
-    def _refuse(self, wanted_rad: FloatArray) -> None:
-        if math.isfinite(np.add.reduce(wanted_rad, axis=None)):
+    def _refuse(self, requested_rad: FloatArray) -> None:
+        if math.isfinite(np.add.reduce(requested_rad, axis=None)):
             return
         for index in np.flatnonzero(self._batch.running).tolist():
             try:
-                check_targets(JointTargets(wanted_rad[index], 0.0))
+                check_targets(JointTargets(requested_rad[index], 0.0))
             except CommandRefusedError as error:
                 self._stopped[index], self._status[index] = str(error), "aborted"
                 self._batch.running[index] = False

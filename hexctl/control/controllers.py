@@ -74,7 +74,7 @@ class Controller(ABC):
         """Failures that it detected so far, of one robot of a batch."""
         return ()
 
-    def believed_failures(self, index: int = 0) -> tuple[Failure, ...] | None:
+    def known_failures(self, index: int = 0) -> tuple[Failure, ...] | None:
         """Failures that it assumes now, given or detected, by leg; None if legs are not monitored."""
         return None
 

@@ -57,14 +57,16 @@ class StepLimits(ArrayFields):
         """Limits of a robot with one command per period."""
         return cls(robot.joint_lower_rad, robot.joint_upper_rad, robot.joint_max_speed_rad_s * period_s)
 
-    def apply(self, wanted_rad: FloatArray, accepted_rad: FloatArray) -> FloatArray:
+    def apply(self, requested_rad: FloatArray, accepted_rad: FloatArray) -> FloatArray:
         """Nearest targets, leading shape + (18,), within speed and, with lower priority, range."""
-        return self.stepped(np.minimum(np.maximum(wanted_rad, self.lower_rad), self.upper_rad), accepted_rad)
+        return self.stepped(
+            np.minimum(np.maximum(requested_rad, self.lower_rad), self.upper_rad), accepted_rad
+        )
 
-    def stepped(self, wanted_rad: FloatArray, accepted_rad: FloatArray) -> FloatArray:
+    def stepped(self, requested_rad: FloatArray, accepted_rad: FloatArray) -> FloatArray:
         """Nearest targets within speed; arguments as of `apply`."""
         slowest, fastest = accepted_rad - self.max_step_rad, accepted_rad + self.max_step_rad
-        return np.minimum(np.maximum(wanted_rad, slowest), fastest)
+        return np.minimum(np.maximum(requested_rad, slowest), fastest)
 
 
 def leaning(base_quaternion_world: FloatArray) -> BoolArray:

@@ -118,7 +118,7 @@ class TickLog:
         """Rows [start, stop) of a column."""
         return self._rows.rows(name, start, stop)
 
-    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
+    def record(self, tick: Tick, state: RobotState, requested_rad: FloatArray, sent: JointTargets) -> None:
         """Append one tick."""
         index = len(self)
         if new := self._warnings.take(state.warnings):
@@ -156,7 +156,7 @@ class TickLog:
         """Note changes of the failed legs in the world and in the controller's belief, and its news."""
         self.note_failures("world", failures_in_force(servos))
         if self.controller is not None:
-            self.note_failures("belief", self.controller.believed_failures())
+            self.note_failures("belief", self.controller.known_failures())
             self.note(self.controller.news())
 
     def note_failures(self, by: str, failures: tuple[Failure, ...] | None) -> None:
@@ -244,9 +244,9 @@ class Recorders:
         """Assign the next ticks to a phase; the frame is known from the walk on."""
         self.log.phase, self.log.frame = phase, frame
 
-    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
+    def record(self, tick: Tick, state: RobotState, requested_rad: FloatArray, sent: JointTargets) -> None:
         """Append a tick to the log, and pass full blocks on."""
-        self.log.record(tick, state, wanted_rad, sent)
+        self.log.record(tick, state, requested_rad, sent)
         if len(self.log) >= self._due_at:
             self._hand_on(whole_blocks=True)
 

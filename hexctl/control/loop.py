@@ -13,7 +13,7 @@ from hexctl.types import FloatArray, JointTargets, RobotState, as_joint_angles
 class TickObserver(Protocol):
     """Sees every tick of a loop. It runs within the tick and must neither block nor raise."""
 
-    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
+    def record(self, tick: Tick, state: RobotState, requested_rad: FloatArray, sent: JointTargets) -> None:
         """Take one tick: the state read, the controller's targets, and the targets sent."""
 
     def took(self, work_s: float) -> None:
@@ -55,10 +55,10 @@ def run_step(
     """One step of a controller at a tick; its state. Raises what `run_controller` raises."""
     began_s = time.perf_counter()
     state = servos.read()
-    wanted_rad = as_joint_angles(controller.targets_rad(step, state), "controller", leading_shape=())
-    sent = servos.write(JointTargets(wanted_rad, tick.time_s))
+    requested_rad = as_joint_angles(controller.targets_rad(step, state), "controller", leading_shape=())
+    sent = servos.write(JointTargets(requested_rad, tick.time_s))
     for observer in observers:
-        observer.record(tick, state, wanted_rad, sent)
+        observer.record(tick, state, requested_rad, sent)
     work_s = time.perf_counter() - began_s
     for observer in observers:
         observer.took(work_s)

@@ -29,7 +29,7 @@ from hexctl.gait.gait import Motion
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import ArrayFields, FloatArray, JointTargets, RobotState
-from hexctl.waiting import StopRequested, never
+from hexctl.waiting import StopRequested, never_requested
 
 #: Rest between the self-rotation and the walk.
 PAUSE_S = 0.5
@@ -80,7 +80,7 @@ def prepare(
     servos: Guard, plan: TrialPlan, recorders: Recorders | Sequence[Recorder | TickLog] = ()
 ) -> WalkStart:
     """Settle in the stance and turn the failed leg away; raises what `run_controller` raises."""
-    return Preparation(Phases(servos, Recorders.of(recorders)), plan, never).run()
+    return Preparation(Phases(servos, Recorders.of(recorders)), plan, never_requested).run()
 
 
 def ticks_of(servos: LegServos, duration_s: float) -> int:
@@ -115,13 +115,13 @@ class Phases(TickObserver):
         observers = (self, *seen_by)
         return run_controller(self.servos, controller, observers, until=until, first_step=first_step)[0]
 
-    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
+    def record(self, tick: Tick, state: RobotState, requested_rad: FloatArray, sent: JointTargets) -> None:
         """Trace and record a tick, with events before it."""
         pose = None if self._simulation is None else self._simulation.true_pose
         self.trace.add(tick.time_s, state, None if pose is None else pose[0])
         if self._recorders is not None:
             self._recorders.log.note_events(self.servos.unwrapped)
-            self._recorders.record(tick, state, wanted_rad, sent)
+            self._recorders.record(tick, state, requested_rad, sent)
 
     def took(self, work_s: float) -> None:
         """Record the duration of the last tick's work."""

@@ -28,7 +28,7 @@ FOLDER = "/var/tmp"  # noqa: S108  the file has no name
 CHUNK_ROWS = 256
 
 #: Chunks in memory: more than a recording that lags has not read yet.
-KEPT_CHUNKS = 16
+CACHED_CHUNKS = 16
 
 #: Readings per chunk: half a minute at one reading a second.
 CHUNK_READINGS = 32
@@ -93,7 +93,7 @@ class Table:
         return arrays
 
     def _grow(self) -> None:
-        leaving = len(self._chunks) - KEPT_CHUNKS
+        leaving = len(self._chunks) - CACHED_CHUNKS
         if leaving >= 0 and self._on_disk:
             self._write(leaving)
         self._chunks.append(self._empty())
@@ -160,8 +160,8 @@ class ServoRows:
         ]
 
 
-def _check_size(done: int, wanted: int, error: int) -> None:
-    if done < wanted:
+def _check_size(done: int, size: int, error: int) -> None:
+    if done < size:
         raise OSError(error, os.strerror(error))
 
 

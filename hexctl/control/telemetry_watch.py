@@ -53,7 +53,7 @@ class Temperatures:
     """
 
     def __init__(self) -> None:
-        self._believed: FloatArray | None = None
+        self._accepted_c: FloatArray | None = None
         self._doubted: FloatArray = np.empty(0)
         self._since_s: FloatArray = np.empty(0)
         self._seen_s: FloatArray = np.empty(0)
@@ -61,21 +61,21 @@ class Temperatures:
     def take(self, temperatures_c: FloatArray, now_s: float) -> FloatArray:
         """Believed temperatures, (n,), with new readings, (n,); NaN before the first."""
         new = np.asarray(temperatures_c, dtype=float)
-        if self._believed is None or self._believed.shape != new.shape:
-            self._believed, self._doubted = np.full(new.shape, np.nan), np.full(new.shape, np.nan)
+        if self._accepted_c is None or self._accepted_c.shape != new.shape:
+            self._accepted_c, self._doubted = np.full(new.shape, np.nan), np.full(new.shape, np.nan)
             self._since_s, self._seen_s = np.full(new.shape, now_s), np.full(new.shape, now_s)
         known = np.isfinite(new)
-        self._believed[now_s - self._seen_s > FORGOTTEN_S] = np.nan
+        self._accepted_c[now_s - self._seen_s > FORGOTTEN_S] = np.nan
         reach_c = JUMP_C + RATE_C_S * np.maximum(now_s - self._seen_s, 0.0)
-        plausible = known & ~(np.abs(new - self._believed) > reach_c)  # true for the first, too
+        plausible = known & ~(np.abs(new - self._accepted_c) > reach_c)  # true for the first, too
         doubted = known & ~plausible
         again = np.abs(new - self._doubted) <= JUMP_C
         self._since_s[doubted & ~again] = now_s
         lasts = doubted & again & (now_s - self._since_s >= LASTS_S)
         self._doubted = np.where(doubted, new, np.where(plausible, np.nan, self._doubted))
-        self._believed = np.where(plausible | lasts, new, self._believed)
+        self._accepted_c = np.where(plausible | lasts, new, self._accepted_c)
         self._seen_s[known] = now_s
-        return self._believed
+        return self._accepted_c
 
 
 class BatteryWatch:
@@ -181,7 +181,7 @@ MOST_CORRECTION_M = 2.0
 MOST_M = 1e8
 
 #: How long a jump is reported, in s: a report of a single tick would be missed.
-TOLD_S = 2.0
+REPEAT_S = 2.0
 
 
 class PositionCheck:
@@ -207,7 +207,7 @@ class PositionCheck:
             step_m = math.dist(position, self._last)
             most_m = MOST_CORRECTION_M + MOST_SPEED_M_S * max(0.0, now_s - self._last_at_s)
         if not step_m <= min(most_m, MOST_M):  # true for nan too
-            if now_s - self._doubted_at_s > TOLD_S:
+            if now_s - self._doubted_at_s > REPEAT_S:
                 self._jump_m = step_m
             self.doubted += position != self._doubted  # the same one is read repeatedly
             self._doubted, self._doubted_at_s = position, now_s
@@ -217,7 +217,7 @@ class PositionCheck:
 
     def doubt(self, now_s: float) -> str | None:
         """Message about a recent jump, the first of several, or None."""
-        if now_s - self._doubted_at_s > TOLD_S:
+        if now_s - self._doubted_at_s > REPEAT_S:
             return None
         return f"the position jumped by {self._jump_m:.3g} m, which is not believed"
 

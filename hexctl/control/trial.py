@@ -27,7 +27,7 @@ from hexctl.control.trace import Trace, TrialFrame
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.control.walks.steered_walk import SteeredWalk
-from hexctl.control.walks.steering import held
+from hexctl.control.walks.steering import possible_hold
 from hexctl.control.walks.turning import check_plan
 from hexctl.control.walks.velocity_walk import MotionWalk, VelocityWalk
 from hexctl.errors import (
@@ -40,7 +40,7 @@ from hexctl.errors import (
 )
 from hexctl.robot.failure import NoticedFailure
 from hexctl.types import FloatArray, JointTargets, RobotState
-from hexctl.waiting import StopRequested, never
+from hexctl.waiting import StopRequested, never_requested
 
 #: Ticks between two calls of `should_stop`.
 LOOK_TICKS = 50
@@ -75,7 +75,7 @@ def stop_when(enough: Enough | None) -> ShouldStop | None:
 def planned_walk(start: WalkStart) -> Walk | VelocityWalk:
     """The walk of the plans: steered if they hold something, else open loop with constant motion."""
     plan = start.plans[0]
-    hold = held(plan, start.frame)
+    hold = possible_hold(plan, start.frame)
     if plan.level and start.frame is None:
         raise InputError("level: got a robot without a pose; allowed: one that measures roll and pitch")
     if hold != "none":
@@ -98,7 +98,7 @@ def run_trial(
     controller: CustomController | None = None,
     recorders: Recorders | Sequence[Recorder | TickLog] = (),
     *,
-    stop_requested: StopRequested = never,
+    stop_requested: StopRequested = never_requested,
     should_stop: ShouldStop | None = None,
     soft_stop: bool = True,
 ) -> TrialResult:
@@ -255,7 +255,7 @@ class _Trial(TickObserver):
         if soft_stop:
             self._stop_softly(walk, step + 1)
 
-    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
+    def record(self, tick: Tick, state: RobotState, requested_rad: FloatArray, sent: JointTargets) -> None:
         """Measure a tick of the walk."""
         self.samples.add(state, sent.joint_positions_rad)
         self.effort.add(state, sent.joint_positions_rad)

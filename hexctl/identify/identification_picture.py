@@ -22,14 +22,14 @@ SHOWN_S = 4.0
 MEASURED, BEFORE, NOW = ("measured", "black"), ("robot file before", "tab:orange"), ("identified", "tab:blue")
 
 
-def draw_identification(found: Identification, before: ServoValues | None, path: Path) -> None:
+def draw_identification(identified: Identification, before: ServoValues | None, path: Path) -> None:
     """Draw a joint of each log, or runs on a bench, as a new PNG; raises InputError, MissingExtraError."""
     try:
         from matplotlib.figure import Figure
     except ModuleNotFoundError as error:
         raise MissingExtraError("the picture of an identification", "study") from error
-    replays = found.replays[-MOST_ROWS:]
-    values = {NOW: found.fit.values} if before is None else {BEFORE: before, NOW: found.fit.values}
+    replays = identified.replays[-MOST_ROWS:]
+    values = {NOW: identified.fit.values} if before is None else {BEFORE: before, NOW: identified.fit.values}
     figure = Figure(figsize=(11, 0.6 + 2.8 * len(replays)), layout="constrained")
     for replay, (angles, left) in zip(replays, figure.subplots(len(replays), 2, squeeze=False), strict=True):
         _draw_part(replay, values, angles, left)

@@ -55,7 +55,7 @@ MEASURED = {
 }
 
 
-def identified_text(robot_file: str | Path, found: Identification, folder: Path) -> str:
+def identified_text(robot_file: str | Path, identified: Identification, folder: Path) -> str:
     """Text of a robot file with the identified values, for a folder; comments stay.
 
     Parameters that the motions did not determine keep the values of the file. Measured keys are no
@@ -64,7 +64,7 @@ def identified_text(robot_file: str | Path, found: Identification, folder: Path)
     file = load_robot_file(robot_file)
     text = file.text_in(folder)
     mapping: dict[str, Any] = yaml_content(text)
-    known = {name: _rounded(one.value) for name, one in found.estimates.items() if one.known}
+    known = {name: _rounded(one.value) for name, one in identified.estimates.items() if one.known}
     if not known.keys() >= CENTRE:
         known = {name: value for name, value in known.items() if name not in CENTRE}
     # The identified stiffness is the mean of the joints.
@@ -72,16 +72,16 @@ def identified_text(robot_file: str | Path, found: Identification, folder: Path)
     changed: dict[str, Any] = {
         "body": _body(mapping["body"], known),
         "joints": _joints(mapping["joints"], known, file.robot),
-        "servo": _servo(mapping["servo"], known, share * file.content.servo.stiffness_nm_per_rad, found),
+        "servo": _servo(mapping["servo"], known, share * file.content.servo.stiffness_nm_per_rad, identified),
     }
     if "unknown" in mapping:
         changed["unknown"] = _still_unknown(mapping, known)
     return with_values(text, mapping | changed)
 
 
-def write_identified(robot_file: str | Path, found: Identification, output: Path) -> None:
+def write_identified(robot_file: str | Path, identified: Identification, output: Path) -> None:
     """Write `identified_text` to a new file, and check that it is a robot."""
-    write_new(output, identified_text(robot_file, found, output.parent), argument("output"))
+    write_new(output, identified_text(robot_file, identified, output.parent), argument("output"))
     try:
         load_robot_file(output)
     except InputError:
@@ -120,11 +120,11 @@ def _still_unknown(mapping: Mapping[str, Any], known: Mapping[str, float]) -> li
 
 
 def _servo(
-    servo: Mapping[str, Any], known: Mapping[str, float], stiffness: float, found: Identification
+    servo: Mapping[str, Any], known: Mapping[str, float], stiffness: float, identified: Identification
 ) -> dict[str, Any]:
     new: dict[str, Any] = {}
     if SCALE in known and GAIN_KEYS[0] in servo:
-        gain = servo[GAIN_KEYS[0]] if isinstance(found.fit.values, RobotValues) else found.p_gain
+        gain = servo[GAIN_KEYS[0]] if isinstance(identified.fit.values, RobotValues) else identified.p_gain
         new = dict(zip(GAIN_KEYS, (gain, _rounded(stiffness / gain)), strict=True))
     elif SCALE in known:
         new = {SCALE: _rounded(stiffness)}

@@ -41,9 +41,9 @@ def load_capacity(
         feet_m = ((feet - feet[..., one : one + 1, :]) * across[..., np.newaxis, :]).sum(axis=-1)
         centre_m = ((centre - feet[..., one, :]) * across).sum(axis=-1)
         side = np.sign(centre_m)[..., np.newaxis]
-        held = (forces * np.maximum(0.0, side * feet_m)).sum(axis=-1)
+        carried = (forces * np.maximum(0.0, side * feet_m)).sum(axis=-1)
         lever = np.abs(centre_m)
-        share = held / (np.where(lever > TINY, lever, 1.0) * weight_n)
+        share = carried / (np.where(lever > TINY, lever, 1.0) * weight_n)
         capacity = np.where(lever > TINY, np.minimum(capacity, share), capacity)
     return np.asarray(capacity)
 

@@ -175,9 +175,9 @@ class _Plate:
 
     def rest(self, pressing: BoolArray) -> FloatArray:
         """Pose in equilibrium on springs at these feet; a robot that tips over has a huge one."""
-        held = np.where(pressing, self.stiffness, 0.0)
-        matrix = np.einsum("...ia,...i,...ib->...ab", self.columns, held, self.columns) + SUPPORT
-        pull = self.load + np.einsum("...ia,...i,...i->...a", self.columns, held, self.rest_m)
+        pressed = np.where(pressing, self.stiffness, 0.0)
+        matrix = np.einsum("...ia,...i,...ib->...ab", self.columns, pressed, self.columns) + SUPPORT
+        pull = self.load + np.einsum("...ia,...i,...i->...a", self.columns, pressed, self.rest_m)
         return np.asarray(-np.linalg.solve(matrix, pull[..., np.newaxis])[..., 0])
 
     def least(self, body: FloatArray, step: FloatArray) -> FloatArray:

@@ -6,6 +6,7 @@ It runs what a trial runs: the simulated servos, the guard, the preparation and 
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -98,17 +99,9 @@ class HexapodEnvironment(gymnasium.Env[Observation, FloatArray]):
             if len(given) == 0:  # of an array, too
                 raise InputError(f"{name}: got none; allowed: one or more")
         self._failures, self._failing, self._failure_s = list(failures), failing, failure_s
+        walk = RunSpec(gait=gait, duration_s=duration_s, self_rotation="none", hold="line")
         self._plans = [
-            plan_walk(
-                RunSpec(
-                    gait=gait,
-                    heading_rad=radians(heading_deg),
-                    duration_s=duration_s,
-                    self_rotation="none",
-                    hold="line",
-                ),
-                self._robot,
-            )
+            plan_walk(replace(walk, heading_rad=radians(heading_deg)), self._robot)
             for heading_deg in headings_deg
         ]
         self.action_space = Box(-1.0, 1.0, (ACTION_SIZE,), np.float64)

@@ -150,7 +150,7 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
         stamps_ns=columns.times_ns(paths.WALL_TIMELINE),
         time_s=times_ns / 1e9,
         walk_s=columns.times_ns(paths.WALK_TIMELINE) / 1e9,
-        phases=columns.held(*columns.texts(paths.PHASE, "StateChange:state"), PHASES),
+        phases=columns.filled_forward(*columns.texts(paths.PHASE, "StateChange:state"), PHASES),
         commanded_rad=joints_rad[:, 0],
         measured_rad=joints_rad[:, 1],
         base_position_world=position_m,
@@ -196,7 +196,7 @@ class _Columns:
 
     def samples(self, series: Series) -> Samples:
         times_ns, values = self.numbers(series.path, "Scalars:scalars", len(series.names))
-        there = self.kept(times_ns)
+        there = self.of_ticks(times_ns)
         return Samples(self.rows(times_ns[there]), values[there])
 
     def known(self, several: Sequence[Series]) -> dict[str, Samples]:
@@ -208,7 +208,7 @@ class _Columns:
         """Which times are those of ticks, and not of ticks that damage has taken."""
         return np.isin(times_ns, self.ticks_ns)
 
-    def held(self, times_ns: Rows, states: list[str], names: tuple[str, ...]) -> Rows:
+    def filled_forward(self, times_ns: Rows, states: list[str], names: tuple[str, ...]) -> Rows:
         """Index of the state at each tick, from states recorded on change, (T,)."""
         indices = np.array([names.index(state) if state in names else 0 for state in states], dtype=np.int64)
         return self.last(times_ns, indices)
@@ -256,7 +256,7 @@ class _Columns:
             (times, np.asarray(others.cast("int64"))) for times, others in self._rows(ACTION.path, timeline)
         ]
         times_ns, others_ns = _joined(parts, np.empty(0, dtype=np.int64))
-        return np.asarray(others_ns[self.kept(times_ns)])
+        return np.asarray(others_ns[self.of_ticks(times_ns)])
 
     def _rows(self, entity: str, column: str) -> Iterator[tuple[Rows, Any]]:
         for batch in self._chunks.get(f"/{entity}", ()):
@@ -289,7 +289,7 @@ def _pose(columns: _Columns) -> tuple[FloatArray, FloatArray]:
     position_m, quaternion = np.full((ticks, 3), np.nan), np.full((ticks, 4), np.nan)
     times_ns, places_m = columns.numbers(paths.ROBOT, "Transform3D:translation", 3)
     _, quaternions = columns.numbers(paths.ROBOT, "Transform3D:quaternion", 4)
-    rows, there = columns.rows(times_ns), columns.kept(times_ns)
+    rows, there = columns.rows(times_ns), columns.of_ticks(times_ns)
     quaternion[rows[there]] = wxyz(quaternions[there])
     known = _posed(times_ns, places_m) & there
     position_m[rows[known]] = places_m[known]
@@ -321,7 +321,7 @@ def _leg_conditions(columns: _Columns) -> Rows:
             (paths.foot_path(leg), _failed_condition),
         ):
             times_ns, labels = columns.texts(entity, "Points3D:labels")
-            shown = columns.held(times_ns, [condition(label) for label in labels], LEG_CONDITIONS)
+            shown = columns.filled_forward(times_ns, [condition(label) for label in labels], LEG_CONDITIONS)
             indices[:, leg - 1] = np.maximum(indices[:, leg - 1], shown)
     return indices
 

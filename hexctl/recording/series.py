@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hexctl.columns import COARSE_BITS, KEPT_BITS, READINGS, RECORDED, Column
+from hexctl.columns import COARSE_BITS, READINGS, RECORDED, Column
 from hexctl.palette import ALARM_COLOR, JOINT_COLORS, LEG_COLORS, MARGIN_COLOR
 from hexctl.recording import paths, style
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS, FloatArray
@@ -29,7 +29,7 @@ class Series(NamedTuple):
     title: str
     names: tuple[str, ...]
     colors: tuple[style.Color, ...]
-    bits: int = KEPT_BITS
+    bits: int = FRACTION_BITS
     widths: tuple[float, ...] | None = None
     source: str = ""
 

@@ -2,7 +2,7 @@
 
 from itertools import combinations
 
-from hexctl.palette import FAILED_COLORS, LINE_COLOR, NOTICED_COLORS, WAY_COLOR
+from hexctl.palette import FAILED_COLORS, LINE_COLOR, NOTICED_COLORS, PATH_COLOR
 from hexctl.robot.failure import FAILURE_KINDS
 from hexctl.types import JOINT_KINDS, N_LEGS
 
@@ -15,7 +15,7 @@ NOTICED_COLOR = NOTICED_COLORS["femur"]
 TOUCHING_COLOR = (64, 220, 120)
 LIFTED_COLOR = (96, 108, 124)
 UNFELT_COLOR = (206, 212, 220)
-TRAIL_COLOR = DEVIATION_COLOR = WAY_COLOR
+TRAIL_COLOR = DEVIATION_COLOR = PATH_COLOR
 COURSE_COLOR = LINE_COLOR
 
 #: The ribbon between line and trail, by side of the robot; the fourth number is the opacity.

@@ -67,7 +67,7 @@ def make_properties(
     return {key: _plain(value) for key, value in (values | dict(facts)).items() if value is not None}
 
 
-def held_in_words(outcome: Mapping[str, Any]) -> str:
+def hold_in_words(outcome: Mapping[str, Any]) -> str:
     """Hold of a walk, why it was reduced, and what disturbed it, from the plain values of a trial result."""
     hold, caveat = outcome.get("hold", "none"), outcome.get("hold_caveat")
     why = f": {caveat}" if caveat else ""
@@ -142,7 +142,7 @@ def _result_rows(result: TrialResult, stability: float | None) -> Iterator[Row]:
         )
         yield "**deviation**", f"**{100 * off.final:.1f} cm** at the end{whole}"
     if result.duration_s:
-        yield "held", held_in_words(result.to_dict())
+        yield "held", hold_in_words(result.to_dict())
     for one in result.noticed:
         yield "noticed", f"{one.at_s:.2f} s: {one.in_words}"
         for line in one.did.split(": ", 1):

@@ -215,9 +215,9 @@ def failure_text(*failures: Failure | None) -> str:
     return " and ".join(f"leg {one.leg} {one}" for one in failures if one is not None) or "none"
 
 
-def untold_note(broken: Failures, told: Failures) -> str | None:
+def difference_note(broken: Failures, assumed: Failures) -> str | None:
     """Note for the operator if the simulation breaks something else than the controller knows, or None."""
-    breaks, tells = each_failure(broken), each_failure(told)
+    breaks, tells = each_failure(broken), each_failure(assumed)
     if breaks == tells:
         return None
     return f"simulated failure: {failure_text(*breaks)}; the controller assumes {failure_text(*tells)}"
@@ -280,8 +280,8 @@ def check_events(
             )
 
 
-def _require(holds: bool, what: str, got: object, allowed: str) -> None:
-    if not holds:
+def _require(valid: bool, what: str, got: object, allowed: str) -> None:
+    if not valid:
         raise InputError(f"{what}: got {got}; allowed: {allowed}")
 
 

@@ -92,7 +92,7 @@ def frame_of(position_m: FloatArray | Sequence[float], quaternion: FloatArray | 
     return frame
 
 
-def placed_points(points: FloatArray, frame: FloatArray) -> FloatArray:
+def transformed_points(points: FloatArray, frame: FloatArray) -> FloatArray:
     """Points (N, 3) or (3,) of a frame (4, 4) in the frame around it."""
     return np.asarray(points @ frame[:3, :3].T + frame[:3, 3])
 

@@ -100,7 +100,7 @@ def _problem(error: Exception) -> str:
 Edit = tuple[int, int, str]
 
 
-def with_values(text: str, wanted: Mapping[str, Any]) -> str:
+def with_values(text: str, values: Mapping[str, Any]) -> str:
     """Text of a mapping with other content; only a section whose values share anchors loses its comments.
 
     A text that is no mapping is replaced.
@@ -110,27 +110,27 @@ def with_values(text: str, wanted: Mapping[str, Any]) -> str:
     except yaml.YAMLError:
         root = None
     if not isinstance(root, yaml.MappingNode):
-        return yaml_lines(wanted)
-    edited = _edited(text, _edits(text, root, wanted))
-    if _says(edited, wanted):
+        return yaml_lines(values)
+    edited = _edited(text, _edits(text, root, values))
+    if _says(edited, values):
         return edited
-    return _edited(text, _edits(text, root, wanted, deep=False))
+    return _edited(text, _edits(text, root, values, deep=False))
 
 
-def _says(text: str, wanted: Mapping[str, Any]) -> bool:
+def _says(text: str, values: Mapping[str, Any]) -> bool:
     try:
-        return bool(yaml_content(text) == wanted)
+        return bool(yaml_content(text) == values)
     except ValueError:
         return False
 
 
 def _edits(
-    text: str, node: yaml.MappingNode, wanted: Mapping[Any, Any], *, deep: bool = True
+    text: str, node: yaml.MappingNode, values: Mapping[Any, Any], *, deep: bool = True
 ) -> Iterator[Edit]:
     there = {_content(key): (key, value) for key, value in node.value}
     for name, (key, value) in there.items():
-        new = wanted.get(name)
-        if name not in wanted:
+        new = values.get(name)
+        if name not in values:
             yield key.start_mark.index, _end(text, value), ""
         elif _content(value) == new:
             continue
@@ -143,7 +143,7 @@ def _edits(
         else:
             lines = yaml_lines({name: new}).rstrip("\n").split("\n")
             yield key.start_mark.index, _end(text, value), f"\n{_indent(node)}".join(lines)
-    if added := {name: value for name, value in wanted.items() if name not in there}:
+    if added := {name: value for name, value in values.items() if name not in there}:
         yield _added(text, node, added)
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from hexctl.backends.robot_options import RecordedOptions
 from hexctl.control.controllers import Stand
-from hexctl.control.diagnosis.leg_findings import Diagnosis, diagnosis_of, told_by_operator, unsafe_legs
+from hexctl.control.diagnosis.leg_findings import Diagnosis, diagnosis_of, reported_by_operator, unsafe_legs
 from hexctl.control.diagnosis.standing_test import ALL_PROBES, LIFTS, Probe, StandingTest
 from hexctl.control.log import TickLog
 from hexctl.control.loop import run_controller
@@ -17,7 +17,7 @@ from hexctl.options import check_names
 from hexctl.robot.failure_grammar import option_of, read_failures_before
 from hexctl.runs.run import Run, RunResult
 from hexctl.runs.run_spec import RunSpec
-from hexctl.waiting import StopRequested, never
+from hexctl.waiting import StopRequested, never_requested
 
 #: Time to reach the stance and to settle before the first probe.
 SETTLE_S = 0.8
@@ -73,7 +73,7 @@ class DiagnosisRun(Run):
         self,
         *,
         ask: AskOperator | None = None,
-        stop_requested: StopRequested = never,
+        stop_requested: StopRequested = never_requested,
     ) -> DiagnosisResult:
         """Make the standing test and judge it; arguments as in `diagnose`.
 
@@ -115,7 +115,7 @@ class DiagnosisRun(Run):
             if answer is None:
                 return found
             moved[probe.legs[0]] = answer
-        self.diagnosis = told_by_operator(found, moved)
+        self.diagnosis = reported_by_operator(found, moved)
         return self.diagnosis
 
     def _make_alone(self, probe: Probe) -> bool:
@@ -134,7 +134,7 @@ class DiagnosisRun(Run):
 def diagnose(
     *,
     ask: AskOperator | None = None,
-    stop_requested: StopRequested = never,
+    stop_requested: StopRequested = never_requested,
     **where: Any,
 ) -> DiagnosisResult:
     """Find the failed leg of a standing robot: `diagnose(failure="5:limp:femur")`.

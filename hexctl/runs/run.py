@@ -43,7 +43,7 @@ from hexctl.robot.model import Robot
 from hexctl.runs.outcome import events_seen, failure_values, gait_values, tick_values, world_text
 from hexctl.runs.run_spec import RunSpec, spec_of
 from hexctl.runs.walk_plan import plan_walk
-from hexctl.waiting import StopRequested, comes_true, never
+from hexctl.waiting import StopRequested, comes_true, never_requested
 
 if TYPE_CHECKING:
     from hexctl.control.custom_controller import CustomController
@@ -198,7 +198,7 @@ class Run:
         self,
         *,
         recorders: Sequence[Recorder] = (),
-        stop_requested: StopRequested = never,
+        stop_requested: StopRequested = never_requested,
         should_stop: ShouldStop | None = None,
     ) -> RunResult:
         """Walk as specified; arguments as in `run`. An end before the first command leaves no recording.
@@ -353,7 +353,7 @@ def run(
     *,
     controller: "CustomController | None" = None,
     recorders: Sequence[Recorder] = (),
-    stop_requested: StopRequested = never,
+    stop_requested: StopRequested = never_requested,
     should_stop: ShouldStop | None = None,
     **options: Any,
 ) -> RunResult:

@@ -224,7 +224,7 @@ class RequestHandler:
         return answer
 
     def acquire(self, owner: str, now_s: float, duration_s: float = LEASE_S) -> Lease:
-        """Grant a lease and lift a stop for silence; raises LeaseRefusedError if held or stopped."""
+        """Grant a lease and lift a stop for silence; raises LeaseRefusedError if leased or stopped."""
         stopped = self._guard.stopped
         if stopped not in (None, LIFTED_BY_LEASE):
             self.leases.refused += 1
@@ -238,14 +238,14 @@ class RequestHandler:
         self.rested_after = 0
         return lease
 
-    def holds(self, lease: Lease, now_s: float) -> bool:
+    def is_current(self, lease: Lease, now_s: float) -> bool:
         """Whether a lease is in force."""
-        holder = self.leases.holder(now_s)
-        return holder is not None and holder.lease_id == lease.lease_id
+        current = self.leases.current(now_s)
+        return current is not None and current.lease_id == lease.lease_id
 
     def release(self, lease: Lease, now_s: float) -> None:
         """Give a lease back, if it is still in force; no command is expected until the next lease."""
-        if self.holds(lease, now_s):
+        if self.is_current(lease, now_s):
             self.leases.release(lease.lease_id, now_s)
             self._guard.pause_watchdog()
 

@@ -136,7 +136,7 @@ class RobotServer:
     def _note_end(self) -> None:
         if self._state is not None:
             self._publish(replace(self._state, healthy=False, fault=SERVER_ENDED))
-        lease = self._leases.holder(self._time.now())
+        lease = self._leases.current(self._time.now())
         if lease is not None:
             left = "its servos are left with their last targets"
             rest = left if self._simulated is None else "the simulation ends with it"
@@ -204,11 +204,11 @@ class RobotServer:
             self._transport.reply(arrival.kind, item, {**self._description, "status": self.status()})
 
     def _admits_command(self, attachment: bytes | None) -> bool:
-        return self._commands.admits(attachment, self._leases.holder(self._time.now()))
+        return self._commands.admits(attachment, self._leases.current(self._time.now()))
 
     def _execute(self, payload: bytes, attachment: bytes | None, at_s: float) -> None:
         now_s = self._time.now()
-        lease = self._leases.holder(now_s)
+        lease = self._leases.current(now_s)
         checked = self._commands.check(payload, attachment, lease, at_s)
         if checked is None:
             return
@@ -303,7 +303,7 @@ class RobotServer:
 
     @property
     def _controller(self) -> str | None:
-        lease = self._leases.holder(self._time.now())
+        lease = self._leases.current(self._time.now())
         return None if lease is None else lease.owner
 
     def _publish(self, state: RobotState) -> None:
@@ -356,7 +356,7 @@ class RobotServer:
     def status(self) -> dict[str, Any]:
         """Status of the robot, as JSON values."""
         now_s = self._time.now()
-        lease, state, guard = self._leases.holder(now_s), self._state, self._guard
+        lease, state, guard = self._leases.current(now_s), self._state, self._guard
         self._commands.counters.overflowed = self._inbox.overflowed
         cleared, failures = self._latch.cleared, failures_in_force(guard)
         driving = {} if self._driver is None else self._driver.status()

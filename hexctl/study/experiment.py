@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-FoundT = TypeVar("FoundT")
+FindingsT = TypeVar("FindingsT")
 
 
 #: Draws a figure; returns None if there is nothing to show.
@@ -28,15 +28,15 @@ Drawing = Callable[[], "Figure | None"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Result(Generic[FoundT]):
+class Result(Generic[FindingsT]):
     """Result of an experiment.
 
     Attributes:
         report: the HTML page; tables and figures are files in its folder.
     """
 
-    plan: "Experiment[FoundT]"
-    found: FoundT
+    plan: "Experiment[FindingsT]"
+    findings: FindingsT
     report: Path
     notes: tuple[str, ...] = ()
 
@@ -45,17 +45,17 @@ class Result(Generic[FoundT]):
         return {
             "out": str(self.report.parent),
             "report": str(self.report),
-            **self.plan.numbers(self.found),
+            **self.plan.numbers(self.findings),
             "notes": list(self.notes),
         }
 
     def lines(self) -> list[str]:
         """Tables and verdicts, as lines of text."""
-        return self.plan.lines(self.found)
+        return self.plan.lines(self.findings)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Experiment(Plan, Generic[FoundT]):
+class Experiment(Plan, Generic[FindingsT]):
     """Settings of an experiment, with its statistics and report."""
 
     #: Name of its files, file of its report, and heading of that.
@@ -64,30 +64,30 @@ class Experiment(Plan, Generic[FoundT]):
     HEADING: ClassVar[str]
 
     @abstractmethod
-    def find(self, work: Work) -> FoundT:
+    def find(self, work: Work) -> FindingsT:
         """Simulate all walks and summarise them."""
 
     @abstractmethod
-    def numbers(self, found: FoundT, /) -> dict[str, Any]:
+    def numbers(self, findings: FindingsT, /) -> dict[str, Any]:
         """Return settings and results as plain JSON values; null if there is no number."""
 
     @abstractmethod
-    def lines(self, found: FoundT, /) -> list[str]:
+    def lines(self, findings: FindingsT, /) -> list[str]:
         """Return tables and verdicts as lines of text."""
 
     @abstractmethod
-    def sections(self, found: FoundT, /) -> Iterator[Section]:
+    def sections(self, findings: FindingsT, /) -> Iterator[Section]:
         """Return the parts of the report, to which the figures are added."""
 
-    def drawings(self, found: FoundT, /) -> Mapping[str, Drawing]:
+    def drawings(self, findings: FindingsT, /) -> Mapping[str, Drawing]:
         """Return the figures of the report, by their name in `captions`."""
         return {}
 
-    def tables(self, found: FoundT, /) -> "Mapping[str, DataFrame]":
+    def tables(self, findings: FindingsT, /) -> "Mapping[str, DataFrame]":
         """Return the tables to write, by the name of their file without the ending."""
         return {}
 
-    def run(self, folder: Path, work: Work | None = None) -> Result[FoundT]:
+    def run(self, folder: Path, work: Work | None = None) -> Result[FindingsT]:
         """Simulate all walks, and write report, figures, tables and a JSON file of the results.
 
         Args:
@@ -101,24 +101,24 @@ class Experiment(Plan, Generic[FoundT]):
         self.check()
         with report_folder(folder, self.REPORT):
             work.cache.probe()
-            found = self.find(work)
-            page = self.write(found, folder, work.progress)
-            result = Result(plan=self, found=found, report=page, notes=tuple(work.cache.notes))
+            findings = self.find(work)
+            page = self.write(findings, folder, work.progress)
+            result = Result(plan=self, findings=findings, report=page, notes=tuple(work.cache.notes))
             text = json.dumps(result.to_json(), indent=1)
             atomic_write(folder / f"{self.NAME}.json", text)
         return result
 
-    def write(self, found: FoundT, folder: Path, progress: Progress | None = None) -> Path:
+    def write(self, findings: FindingsT, folder: Path, progress: Progress | None = None) -> Path:
         """Write tables, figures and the page into a folder; return the path of the page."""
-        tables = self.tables(found)
+        tables = self.tables(findings)
         for name, table in tables.items():
             table.to_parquet(folder / f"{name}.parquet", index=False)
-        figures = _figures(self.drawings(found), folder, progress or Silent())
+        figures = _figures(self.drawings(findings), folder, progress or Silent())
         files = ", ".join(f"{name}.parquet" for name in tables)
         beside = f"Next to this page: {files or 'its numbers as JSON'}, and each figure as SVG."
         versions = ", ".join(f"{name} {value}" for name, value in code_versions().items())
         last = Section("Files and versions", [beside, versions])
-        page = render_page(self.HEADING, [*self.sections(found), *figures, last])
+        page = render_page(self.HEADING, [*self.sections(findings), *figures, last])
         atomic_write(folder / self.REPORT, page)
         return folder / self.REPORT
 

@@ -152,7 +152,7 @@ class HeldOutExperiment(Experiment["DataFrame"]):
             for value in getattr(self, f"{self.BY}s")
         ]
 
-    def numbers(self, found: "DataFrame") -> dict[str, Any]:
+    def numbers(self, findings: "DataFrame") -> dict[str, Any]:
         """Return settings and results as plain JSON values."""
         return {
             "robots": [robot.name for robot in self.robots],
@@ -160,9 +160,9 @@ class HeldOutExperiment(Experiment["DataFrame"]):
             **plain(self, "first_world", "worlds", "legs", "failures", "duration_s"),
             "sensors": None if self.exact_sensors else SENSORS,
             "code": code_versions(),
-            "walks": len(found),
+            "walks": len(findings),
             "statistics": [
-                {name: json_value(value) for name, value in one.items()} for one in self.statistics(found)
+                {name: json_value(value) for name, value in one.items()} for one in self.statistics(findings)
             ],
         }
 
@@ -180,15 +180,15 @@ class HeldOutExperiment(Experiment["DataFrame"]):
             f"{walks} walks of {self.duration_s:g} s. {sensors}"
         )
 
-    def remarks(self, found: "DataFrame") -> list[str]:
+    def remarks(self, findings: "DataFrame") -> list[str]:
         """Return further texts at the head of the report."""
         return []
 
-    def sections(self, found: "DataFrame") -> Iterator[Section]:
+    def sections(self, findings: "DataFrame") -> Iterator[Section]:
         """Return the parts of the report: settings, and a table for each division."""
-        yield Section("", [self.settings_text(len(found)), *self.remarks(found)])
+        yield Section("", [self.settings_text(len(findings)), *self.remarks(findings)])
         yield reading(self.NAME)
-        records = self.statistics(found)
+        records = self.statistics(findings)
         for division in dict.fromkeys(one["division"] for one in records):
             some = [one for one in records if one["division"] == division]
             title = "All" if division == "all" else f"By {division}"

@@ -140,20 +140,20 @@ class HoldPlan(HeldOutExperiment):
         columns = {"robot": "robot", "family": "family", "leg": "leg", "kind of world": "kind_of_world"}
         yield from groups(floor, columns | {"floor": "floor"})
 
-    def numbers(self, found: "DataFrame") -> dict[str, Any]:
+    def numbers(self, findings: "DataFrame") -> dict[str, Any]:
         """Return settings and results as plain JSON values."""
-        return super().numbers(found) | plain(self, "holds", "self_rotation")
+        return super().numbers(findings) | plain(self, "holds", "self_rotation")
 
-    def lines(self, found: "DataFrame") -> list[str]:
+    def lines(self, findings: "DataFrame") -> list[str]:
         """Return the table of all walks of a failed leg."""
-        failed = [one for one in self.statistics(found) if one["division"] == "all"]
+        failed = [one for one in self.statistics(findings) if one["division"] == "all"]
         return markdown(Table.of(failed, COLUMNS))
 
-    def tables(self, found: "DataFrame") -> "Mapping[str, DataFrame]":
+    def tables(self, findings: "DataFrame") -> "Mapping[str, DataFrame]":
         """Return the table of all walks."""
-        shown = found.drop(columns=["speed", "way_m", "place"])
+        shown = findings.drop(columns=["speed", "way_m", "place"])
         return {"holds": shown.rename(columns={"kind_of_world": "kind"})}
 
-    def remarks(self, found: "DataFrame") -> list[str]:
+    def remarks(self, findings: "DataFrame") -> list[str]:
         """Return the self-rotation in words."""
         return [f"Self-rotation: {self.self_rotation}."]

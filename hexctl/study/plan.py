@@ -67,9 +67,9 @@ def check_each(name: str, given: Iterable[str], known: tuple[str, ...] = ()) -> 
     check_setting(name, ",".join(given) or "none", fine, f"one or more{among}, each once")
 
 
-def check_setting(name: str, got: object, holds: bool, allowed: str) -> None:
+def check_setting(name: str, got: object, valid: bool, allowed: str) -> None:
     """Raise InputError for a setting, by its name, unless something holds."""
-    if not holds:
+    if not valid:
         raise InputError(f"{argument(name)}: got {got}; allowed: {allowed}")
 
 

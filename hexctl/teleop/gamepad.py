@@ -126,9 +126,9 @@ CROSS = {544: "up", 545: "down", 706: "up", 707: "down"}
 
 #: Either shoulder button has to be held to drive, both to move the body; an axis counts as pressed beyond
 #: half of its range.
-HOLD = (BTN_TL, BTN_TR)
-HOLD_AXES = (ABS_HAT1X, ABS_HAT1Y)
-LEFT_HOLDS, RIGHT_HOLDS = {BTN_TL, ABS_HAT1Y}, {BTN_TR, ABS_HAT1X}
+SHOULDERS = (BTN_TL, BTN_TR)
+SHOULDER_AXES = (ABS_HAT1X, ABS_HAT1Y)
+LEFT_SHOULDER, RIGHT_SHOULDER = {BTN_TL, ABS_HAT1Y}, {BTN_TR, ABS_HAT1X}
 PRESSED = 0.5
 
 #: Requests of the other buttons.
@@ -254,25 +254,25 @@ class GamepadEvents:
         sticks = (ABS_X, ABS_Y, self._turn, self._nod)
         self._ranges = {
             axis: USUAL_RANGE if descriptor is None else axis_range(descriptor, axis)
-            for axis in (*sticks, *HOLD_AXES)
+            for axis in (*sticks, *SHOULDER_AXES)
         }
         # A hat without a range reports -1, 0 and 1.
         low, high = USUAL_RANGE if descriptor is None else axis_range(descriptor, ABS_HAT_Y)
         self._hat_pressed = 1 if (low, high) == USUAL_RANGE else max(1.0, PRESSED * max(-low, high))
         self._hat = 0
         self._shares = dict.fromkeys(sticks, 0.0)
-        self._holds: set[int] = set()
+        self._shoulders: set[int] = set()
         self.pressed: list[str] = []
 
     @property
-    def held(self) -> bool:
+    def enabled(self) -> bool:
         """Whether a hold button is pressed."""
-        return bool(self._holds)
+        return bool(self._shoulders)
 
     @property
     def leans(self) -> bool:
         """Whether both hold buttons are pressed."""
-        return bool(self._holds & LEFT_HOLDS and self._holds & RIGHT_HOLDS)
+        return bool(self._shoulders & LEFT_SHOULDER and self._shoulders & RIGHT_SHOULDER)
 
     @property
     def shares(self) -> tuple[float, float, float]:
@@ -289,20 +289,20 @@ class GamepadEvents:
         """Take an event."""
         if kind == EV_SYN and code == SYN_DROPPED:
             # Events were lost: buttons count as released until they are pressed again.
-            self._holds.clear()
+            self._shoulders.clear()
             self._hat = 0
             self._shares = dict.fromkeys(self._shares, 0.0)
         elif kind == EV_ABS and code in self._shares:
             self._shares[code] = self._share(code, value)
         elif kind == EV_ABS and code == ABS_HAT_Y:
             self._press_hat(value)
-        elif kind == EV_ABS and code in HOLD_AXES:
+        elif kind == EV_ABS and code in SHOULDER_AXES:
             low, high = self._ranges[code]
             # A range with a negative side is that of a second cross's direction, and no shoulder button's.
             pressed = (low >= 0 or (low, high) == USUAL_RANGE) and value > PRESSED * high
-            (self._holds.add if pressed else self._holds.discard)(code)
-        elif kind == EV_KEY and code in HOLD and value != 2:  # 2 is a repetition
-            (self._holds.add if value else self._holds.discard)(code)
+            (self._shoulders.add if pressed else self._shoulders.discard)(code)
+        elif kind == EV_KEY and code in SHOULDERS and value != 2:  # 2 is a repetition
+            (self._shoulders.add if value else self._shoulders.discard)(code)
         elif kind == EV_KEY and code in BUTTONS and value == 1:
             self.pressed.append(BUTTONS[code])
 
@@ -344,7 +344,7 @@ class Gamepad:
         self._files = EventFiles(find if path is None else lambda: [path], most=1, now_s=now_s)
         self._file: EventFile | None = None
         self._events = GamepadEvents()
-        self._held = ""
+        self._mode = ""
         self._forgets: int | None = source.forgets
         self._leaned = (0.0,) * 4
 
@@ -358,26 +358,26 @@ class Gamepad:
         for request in self._events.pressed:
             self._ask(request)
         self._events.pressed.clear()
-        if self._events.held:
+        if self._events.enabled:
             self._drive("lean" if self._events.leans else "walk")
-        elif self._held:
-            if self._held == "lean":
+        elif self._mode:
+            if self._mode == "lean":
                 self._ask("hold body")
-            self._held = ""
+            self._mode = ""
             self._source.release()
 
-    def _drive(self, held: str) -> None:
+    def _drive(self, mode: str) -> None:
         events, source = self._events, self._source
-        if not self._held or not (any(events.shares) or any(events.lean_shares)):
+        if not self._mode or not (any(events.shares) or any(events.lean_shares)):
             self._forgets = source.forgets
-        elif held != self._held:
+        elif mode != self._mode:
             self._forgets = None
             source.release()
-        self._held = held
+        self._mode = mode
         if self._forgets != source.forgets:
             return
-        source.command(self._share(*events.shares) if held == "walk" else ZERO)
-        if held == "lean" and events.lean_shares != self._leaned:
+        source.command(self._share(*events.shares) if mode == "walk" else ZERO)
+        if mode == "lean" and events.lean_shares != self._leaned:
             self._leaned = events.lean_shares
             self._lean(*self._leaned)
 

@@ -30,17 +30,17 @@ def slope(code: int) -> float:
 
 
 def search(
-    optimizer: Optimizer, trials: int, *, batch: int = 1, landscape: Landscape = slope, told: bool = True
+    optimizer: Optimizer, trials: int, *, batch: int = 1, landscape: Landscape = slope, scored: bool = True
 ) -> list[int]:
     """Ask for `trials` codes in batches and report their scores; return the codes.
 
-    Ends early when the optimizer is exhausted. With `told` False the last batch is not reported.
+    Ends early when the optimizer is exhausted. With `scored` False the last batch is not reported.
     """
     codes: list[int] = []
     while len(codes) < trials and not optimizer.exhausted:
         asked = optimizer.ask(min(batch, trials - len(codes)))
         codes += asked
-        if told or len(codes) < trials:
+        if scored or len(codes) < trials:
             optimizer.tell(asked, [landscape(code) for code in asked])
     return codes
 
@@ -169,10 +169,10 @@ class OptimizerConformance:
             disturbed.state()["asked"].clear()
             disturbed.state()["search"].clear()
             spoilt.reverse()
-            told, scores = list(codes), [slope(code) for code in codes]
-            disturbed.tell(told, scores)
-            assert (told, scores) == (codes, [slope(code) for code in codes])
-            told.clear()
+            scored, scores = list(codes), [slope(code) for code in codes]
+            disturbed.tell(scored, scores)
+            assert (scored, scores) == (codes, [slope(code) for code in codes])
+            scored.clear()
             scores.clear()
         assert disturbed.state() == undisturbed.state()
 
@@ -189,13 +189,13 @@ class OptimizerConformance:
     def test_a_restored_search_continues_exactly(self, make: Make) -> None:
         """A search restored from its state, through JSON, asks for the same codes as the original."""
         for trials, batch in ((0, 1), (1, 1), (7, 1), (10, 1), (33, 1), (24, 3), (38, 10)):
-            for told in (True, False):
-                self.check_restores(make, trials, batch, told=told or trials == 0)
+            for scored in (True, False):
+                self.check_restores(make, trials, batch, scored=scored or trials == 0)
 
-    def check_restores(self, make: Make, trials: int, batch: int, *, told: bool) -> None:
+    def check_restores(self, make: Make, trials: int, batch: int, *, scored: bool) -> None:
         """Check that a search saved after some trials, the last ones reported or not, continues exactly."""
         original, restored = make(ONE_FAILED, 5), make(ONE_FAILED, 99)
-        search(original, trials, batch=batch, told=told)
+        search(original, trials, batch=batch, scored=scored)
         search(restored, 17)
         saved = travelled(original.state())
         restored.restore(saved)

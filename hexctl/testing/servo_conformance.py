@@ -180,21 +180,21 @@ class LegServosConformance:
     def test_write_returns_what_was_sent(self, servos: LegServos) -> None:
         """`write` returns the targets actually sent."""
         servos.clock.tick()
-        wanted = servos.robot.stance_angles_rad + 0.01
-        sent = servos.write(JointTargets(wanted, servos.clock.now_s))
-        np.testing.assert_array_equal(sent.joint_positions_rad, wanted)
+        target_rad = servos.robot.stance_angles_rad + 0.01
+        sent = servos.write(JointTargets(target_rad, servos.clock.now_s))
+        np.testing.assert_array_equal(sent.joint_positions_rad, target_rad)
 
     def test_targets_are_taken_over_when_they_are_written(self, servos: LegServos) -> None:
         """An array of targets may be changed by its owner once `write` is over."""
-        wanted = servos.robot.stance_angles_rad + 0.02
-        mine = wanted.copy()
+        target_rad = servos.robot.stance_angles_rad + 0.02
+        mine = target_rad.copy()
         for _ in range(TICKS_PER_SECOND):
             servos.clock.tick()
-            mine[:] = wanted
+            mine[:] = target_rad
             servos.write(JointTargets(mine, servos.clock.now_s))
             mine[:] = 0.3
         reached = servos.read().joint_positions_rad
-        np.testing.assert_allclose(reached, wanted, atol=self.tolerance_rad)
+        np.testing.assert_allclose(reached, target_rad, atol=self.tolerance_rad)
 
     def test_a_small_change_is_reached_within_a_second(self, servos: LegServos) -> None:
         """Each joint is within `tolerance_rad` of a target near its stance after a second."""
@@ -205,10 +205,10 @@ class LegServosConformance:
         """Targets with NaN or infinity are refused with CommandRefusedError, and nothing moves."""
         stance_rad = servos.robot.stance_angles_rad
         spoiled = [stance_rad + 0.1 for _ in range(6)]
-        for wanted, (bad, joint) in zip(
+        for target_rad, (bad, joint) in zip(
             spoiled, itertools.product((np.nan, np.inf, -np.inf), (0, N_JOINTS - 1)), strict=True
         ):
-            wanted[joint] = bad
+            target_rad[joint] = bad
         self.check_refused(servos, spoiled)
 
     def test_targets_of_another_shape_are_refused(self, servos: LegServos) -> None:
@@ -219,23 +219,23 @@ class LegServosConformance:
     def check_refused(self, servos: LegServos, spoiled: list[FloatArray]) -> None:
         """Check that targets are refused in one line each, that nothing moves, and that good ones pass."""
         move(servos, servos.robot.stance_angles_rad, ticks=TICKS_PER_SECOND)
-        for wanted in spoiled:
+        for target_rad in spoiled:
             before = servos.read().joint_positions_rad
             with pytest.raises(CommandRefusedError, match=r"targets: got .*; allowed: ") as refused:
-                servos.write(JointTargets(wanted, servos.clock.now_s))
+                servos.write(JointTargets(target_rad, servos.clock.now_s))
             assert "\n" not in str(refused.value)
             for _ in range(5):
                 servos.clock.tick()
             after = servos.read().joint_positions_rad
-            np.testing.assert_allclose(after, before, atol=3e-3, err_msg=f"after {wanted}")
+            np.testing.assert_allclose(after, before, atol=3e-3, err_msg=f"after {target_rad}")
             hold(servos)
         self.check_reaches(servos, servos.robot.stance_angles_rad + 0.02)
 
-    def check_reaches(self, servos: LegServos, wanted: FloatArray) -> None:
+    def check_reaches(self, servos: LegServos, target_rad: FloatArray) -> None:
         """Check that the joints reach their targets within a second."""
-        move(servos, wanted, ticks=TICKS_PER_SECOND)
+        move(servos, target_rad, ticks=TICKS_PER_SECOND)
         servos.clock.tick()
-        np.testing.assert_allclose(servos.read().joint_positions_rad, wanted, atol=self.tolerance_rad)
+        np.testing.assert_allclose(servos.read().joint_positions_rad, target_rad, atol=self.tolerance_rad)
 
 
 def calls_of(function: Callable[[], object], interrupt_at: int = -1) -> int:
@@ -255,11 +255,11 @@ def calls_of(function: Callable[[], object], interrupt_at: int = -1) -> int:
     return next(count)
 
 
-def move(servos: LegServos, wanted: FloatArray, *, ticks: int) -> None:
+def move(servos: LegServos, target_rad: FloatArray, *, ticks: int) -> None:
     """Command the same targets for some ticks."""
     for _ in range(ticks):
         servos.clock.tick()
-        servos.write(JointTargets(wanted, servos.clock.now_s))
+        servos.write(JointTargets(target_rad, servos.clock.now_s))
 
 
 def hold(servos: LegServos) -> None:

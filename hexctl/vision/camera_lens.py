@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from hexctl.errors import InputError, argument
 from hexctl.options import RARE, UNTYPED, Typed, check_fields
 from hexctl.vision.camera_options import VideoOptions, check_new_file
-from hexctl.waiting import StopRequested, never
+from hexctl.waiting import StopRequested, never_requested
 
 if TYPE_CHECKING:
     from hexctl.vision.detection.lens_calibration import CalibratedLens, LensCalibration
@@ -53,16 +53,16 @@ class CameraLens(VideoOptions):
 
     def run(
         self,
-        stop_requested: StopRequested = never,
+        stop_requested: StopRequested = never_requested,
         *,
-        on_kept: "Callable[[LensCalibration], None]" = lambda _: None,
+        on_view: "Callable[[LensCalibration], None]" = lambda _: None,
         on_event: Callable[[str], None] = lambda _: None,
     ) -> "CalibratedLens":
         """Calibrate the lens and write its file.
 
         Args:
             stop_requested: called between frames; if True, the pictures so far are used.
-            on_kept: called with each kept picture of a camera.
+            on_view: called with each kept picture of a camera.
             on_event: called with a line for each rejected picture file, and when the camera is lost or
                 found.
 
@@ -83,7 +83,7 @@ class CameraLens(VideoOptions):
                 on_event(f"{path} is left out: {refused}")
         if self.camera is not None:
             with self.open_video(on_event) as video:
-                _add_video(calibration, video, stop_requested, on_kept)
+                _add_video(calibration, video, stop_requested, on_view)
         calibrated = calibration.solve()
         try:
             save_lens(calibrated.lens, Path(self.output))
@@ -98,12 +98,12 @@ def _add_video(
     calibration: "LensCalibration",
     video: "VideoSource",
     stop_requested: StopRequested,
-    on_kept: "Callable[[LensCalibration], None]",
+    on_view: "Callable[[LensCalibration], None]",
 ) -> None:
     """Keep frames in which the board is held still, until they end or nothing is missing any more."""
     while not video.ended and not stop_requested():
         frame = video.read()
         if frame is not None and calibration.add_steady(frame.gray()):
-            on_kept(calibration)
+            on_view(calibration)
             if not calibration.missing():
                 return

@@ -38,13 +38,13 @@ class Observation(ArrayFields):
 
     Attributes:
         robot: sighting of the robot, or None.
-        believed: whether the filter accepted the sighting.
+        accepted: whether the filter accepted the sighting.
         frozen: whether the picture has come before, or shows a robot at one place although its legs walked.
         change: detected change of camera or tags, or None.
     """
 
     robot: SeenRobot | None
-    believed: bool
+    accepted: bool
     change: CameraChange | None
     frozen: bool = False
 
@@ -117,19 +117,19 @@ class Observer:
         ):
             self._filter.forget()
             return Observation(robot, False, change, frozen=True)
-        believed = robot is not None and self._may_be_believed(robot)
-        if robot is not None and believed:
+        accepted = robot is not None and self._may_be_accepted(robot)
+        if robot is not None and accepted:
             taken_s, pose = came_s - self.latency_s, robot.pose_floor
             self._odometer.see(taken_s, np.array([pose.x_m, pose.y_m, pose.yaw_rad]))
-            believed = self._filter.see(Sighting(taken_s, pose, robot.covariance))
-        return Observation(robot, believed, change)
+            accepted = self._filter.see(Sighting(taken_s, pose, robot.covariance))
+        return Observation(robot, accepted, change)
 
     def estimate(self, now_s: float) -> PoseEstimate:
         """Where the robot is at a time; to be asked at a steady rate, with times that ascend."""
         self._newest = self._filter.estimate(now_s)
         return self._newest
 
-    def _may_be_believed(self, robot: SeenRobot) -> bool:
+    def _may_be_accepted(self, robot: SeenRobot) -> bool:
         if self.watch.doubt is None:
             return True
         known = None if self._newest is None else self._newest.pose

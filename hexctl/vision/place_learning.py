@@ -77,7 +77,7 @@ def found_place(
     """The place, whether it was learned, and doubts, one sentence each; None after a requested stop.
 
     A known place gets the current pose of the camera. Changes are stored. Raises the errors of
-    `learned_place` and `seen_place`.
+    `camera_place` and `seen_place`.
     """
     path = Path(given.place)
     if known is not None and not given.relearn:

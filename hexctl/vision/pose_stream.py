@@ -152,7 +152,7 @@ class PoseStream:
         self._look_s = 0.0
         self._last = Observation(None, False, None)
         self._sighted: SeenRobot | None = None
-        self._since_believed = self._misfits = 0
+        self._since_accepted = self._misfits = 0
         self._sight: Sight = "lost"
         self._event, self._event_at_s = "", -math.inf
 
@@ -231,7 +231,7 @@ class PoseStream:
         self._pictures += 1
         self._seen += self._last.robot is not None
         self._sighted = self._last.robot or self._sighted
-        self._since_believed = 0 if self._last.believed else self._since_believed + 1
+        self._since_accepted = 0 if self._last.accepted else self._since_accepted + 1
         if self._last.change is not None:
             on_event(_change_text(self._last.change))
 
@@ -254,7 +254,7 @@ class PoseStream:
         )
 
     def _why_lost(self) -> str:
-        if not self._since_believed:
+        if not self._since_accepted:
             return "no pictures come"
         if self._last.frozen:
             return "the pictures stand still while its legs walk: does the camera hang?"
@@ -300,7 +300,7 @@ def _lines(estimate: PoseEstimate, observation: Observation) -> list[str]:
     if pose is not None:
         where = f"{pose.x_m:+.3f} {pose.y_m:+.3f} m  {math.degrees(pose.yaw_rad):+.1f} deg"
     if robot is not None:
-        doubt = "" if observation.believed else ", not believed"
+        doubt = "" if observation.accepted else ", not believed"
         return [where, f"tag {robot.tag.edge_px:.0f} px, quality {robot.quality:.2f}{doubt}"]
     if pose is None:
         return [where, "tag not seen"]

@@ -97,7 +97,7 @@ class RobotCamera(PlaceOptions):
 
     def run(
         self,
-        stop_requested: StopRequested = never,
+        stop_requested: StopRequested = never_requested,
         *,
         on_started: Callable[[CameraStarted], None] = lambda _: None,
         on_pose: "Callable[[PoseEstimate], None]" = lambda _: None,
@@ -119,7 +119,7 @@ class RobotCamera(PlaceOptions):
         from hexctl.robot.loader import load_robot
         from hexctl.vision.detection.tags import TagFinder
         from hexctl.vision.observer import Observer
-        from hexctl.vision.place_learning import found_place, known_place
+        from hexctl.vision.place_learning import camera_place, known_place
         from hexctl.vision.pose_stream import CameraReport, PoseStream, PoseTable
         from hexctl.vision.robot_link import robot_link
         from hexctl.vision.video.mjpeg import MjpegServer
@@ -135,7 +135,7 @@ class RobotCamera(PlaceOptions):
             if (address := self.page_address) is not None:
                 page = opened.enter_context(MjpegServer(address.port, host=address.host, option="page"))
             finder = TagFinder()
-            found = found_place(self, before, video, robot, finder, stop_requested)
+            found = camera_place(self, before, video, robot, finder, stop_requested)
             if found is None:
                 return CameraReport()
             place, learned, doubts = found

@@ -116,7 +116,7 @@ def calibrate(
     """
     calibration = CameraLens(**options, pictures=pictures or ())
     with StopOnInterrupt(plain=True) as interrupt:
-        result = calibration.run(interrupt.requested, on_kept=_print_kept, on_event=print_message)
+        result = calibration.run(interrupt.requested, on_view=_print_kept, on_event=print_message)
     for sentence in result.missing:
         print_note(f"to make it better: {sentence}")
     output = options["output"]

@@ -1,11 +1,11 @@
 """A stop in force: its reason, its time, and who may clear it.
 
 A client that asks for a stop may claim it: the name of its request is the hash of a clear key that only the
-client knows. A client that presents the keys of all claims may clear the stop after `HOLD_S`. Others have
-to wait for `OTHERS_HOLD_S`, twice as long with each repetition.
+client knows. A client that presents the keys of all claims may clear the stop after `LOCKOUT_S`. Others have
+to wait for `OTHERS_LOCKOUT_S`, twice as long with each repetition.
 
 Guaranteed: a client with valid credentials that reads the id of a claimed stop from the status cannot clear
-it before `OTHERS_HOLD_S`, whatever its name or its number of sessions. It never can under the name under
+it before `OTHERS_LOCKOUT_S`, whatever its name or its number of sessions. It never can under the name under
 which it commanded the robot before the stop. Under another name it can, because a person on another
 computer has no other credentials. Programs of the user who asked for the stop can read the keys.
 """
@@ -27,14 +27,14 @@ ESTOP = "estop"
 LIFTED_BY_LEASE = "expired"
 
 #: Minimum time from the last request of a stop until it can be cleared.
-HOLD_S = 1.0
+LOCKOUT_S = 1.0
 
 #: The same without the keys of its claims.
-OTHERS_HOLD_S = 120.0
+OTHERS_LOCKOUT_S = 120.0
 
 #: A stop requested again within this time after a clear without keys holds twice as long, up to
 #: these bounds: with claims, and without.
-REPEATED_WITHIN_S, MOST_OTHERS_HOLD_S, MOST_UNCLAIMED_HOLD_S = 600.0, 960.0, 60.0
+REPEATED_WITHIN_S, MOST_OTHERS_LOCKOUT_S, MOST_UNCLAIMED_LOCKOUT_S = 600.0, 960.0, 60.0
 
 #: Requester without a name, prefix of a datagram's address, and ROS 2.
 UNNAMED, DATAGRAM_FROM, OVER_ROS = "an unnamed client", "a datagram from ", "ROS 2"
@@ -83,20 +83,20 @@ class Stop:
         """Whether `keys` contains the keys of all its claims; False if it has none."""
         return bool(self.claims) and set(self.claims) <= {claim_of(key) for key in keys}
 
-    def hold_s(self, *, proved: bool) -> float:
+    def lockout_s(self, *, proved: bool) -> float:
         """Time in s until it may be cleared, with the keys of its claims or without."""
         if not self.stays:
             return 0.0
         if proved:
-            return HOLD_S
+            return LOCKOUT_S
         longer = 2.0 ** min(self.repeats, 10)
         if self.claims:
-            return min(longer * OTHERS_HOLD_S, MOST_OTHERS_HOLD_S)
-        return min(longer * HOLD_S, MOST_UNCLAIMED_HOLD_S)
+            return min(longer * OTHERS_LOCKOUT_S, MOST_OTHERS_LOCKOUT_S)
+        return min(longer * LOCKOUT_S, MOST_UNCLAIMED_LOCKOUT_S)
 
-    def hold_left_s(self, at_s: float, *, proved: bool) -> float:
+    def lockout_left_s(self, at_s: float, *, proved: bool) -> float:
         """Remaining time in s until it may be cleared; `at_s` is by the robot's time source."""
-        return max(0.0, self.since_s + self.hold_s(proved=proved) - at_s)
+        return max(0.0, self.since_s + self.lockout_s(proved=proved) - at_s)
 
     def with_claim(self, claim: str | None) -> "Stop":
         """The same stop with one more claim, unless it is None."""
@@ -121,22 +121,22 @@ class Stop:
             return (
                 "clear: got a request of the stopped client; allowed: from the client that stopped the robot"
             )
-        hold_s, left_s = self.hold_s(proved=proved), self.hold_left_s(at_s, proved=proved)
+        lockout_s, left_s = self.lockout_s(proved=proved), self.lockout_left_s(at_s, proved=proved)
         if left_s <= 0:
             return None
         without = (
             "" if proved or not self.claims else " without the key of the client that asked for the stop"
         )
-        since_s = hold_s - left_s
-        return f"clear: got a request{without} {since_s:.1f} s after the stop; allowed: after {hold_s:g} s"
+        since_s = lockout_s - left_s
+        return f"clear: got a request{without} {since_s:.1f} s after the stop; allowed: after {lockout_s:g} s"
 
     def to_json(self, at_s: float, *, kept: bool) -> dict[str, Any]:
         """As in the status, at a time by the robot's time source; `kept` is whether it is on the disk."""
         return {
             "id": self.stop_id,
             "since_s": round(at_s - self.since_s + self.before_start_s, 1),
-            "clear_in_s": _hundredths_s(self.hold_left_s(at_s, proved=bool(self.claims))),
-            "others_in_s": _hundredths_s(self.hold_left_s(at_s, proved=False)),
+            "clear_in_s": _hundredths_s(self.lockout_left_s(at_s, proved=bool(self.claims))),
+            "others_in_s": _hundredths_s(self.lockout_left_s(at_s, proved=False)),
             "claims": list(self.claims),
             "kept": kept,
             "by": self.by,

@@ -153,7 +153,7 @@ SECRET_BYTES = 32
 #: Signs datagrams without certificates: anyone who reaches the robot may stop it.
 NO_SECRET = b""
 
-HOLDERS = (Role.ROBOT, Role.CONTROLLER)
+STOP_ROLES = (Role.ROBOT, Role.CONTROLLER)
 
 
 def write_stop_secret(folder: Path) -> list[Path]:
@@ -161,7 +161,7 @@ def write_stop_secret(folder: Path) -> list[Path]:
 
     Raises InputError if there is one already, if an end is missing, or if the folder is not writable.
     """
-    places = [folder / role.value for role in HOLDERS]
+    places = [folder / role.value for role in STOP_ROLES]
     for place in places:
         if not place.is_dir():
             raise InputError(f"{place}: is missing; allowed: a complete folder from hexctl keys new")

@@ -70,7 +70,7 @@ def main(say: Callable[[str], None], folder: str, optimizer: str, name: str | No
         if name is None:
             session = store.create(SPECS_TO_KILL[optimizer], stack)
         else:
-            stack.enter_context(store.held(name))
+            stack.enter_context(store.locked(name))
             session = load_session(name, store.folder)
         say("walking")
 
@@ -117,7 +117,7 @@ def test_kill_9_at_random_moments_never_changes_the_result(optimizer: str, tmp_p
             name = stored_names(store.folder)
             cut_inside += 0 < len(load_session(name[0], store.folder).trials) < spec.budget
         store = SessionStore(folder)
-        with store.held(name[0]):
+        with store.locked(name[0]):
             session = load_session(name[0], store.folder)
             AdaptLoop(session, store, optimizer_of(spec), Walks(session)).run()
             assert load_session(name[0], store.folder).trials == whole.trials

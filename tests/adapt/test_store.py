@@ -76,12 +76,12 @@ def test_a_session_is_held_by_one_process_at_a_time(tmp_path: Path) -> None:
     store = SessionStore(tmp_path)
     other = SessionStore(tmp_path)
     name = store.create(SPEC).name
-    with store.held(name), pytest.raises(InputError, match="another process"):
-        other.held(name).__enter__()
-    with other.held(name):
+    with store.locked(name), pytest.raises(InputError, match="another process"):
+        other.locked(name).__enter__()
+    with other.locked(name):
         pass
     with pytest.raises(InputError, match="session"):
-        store.held("unknown").__enter__()
+        store.locked("unknown").__enter__()
     assert not (tmp_path / "unknown").exists()
 
 
@@ -105,7 +105,7 @@ def test_a_new_session_is_held_before_another_process_can_find_it(
         store.add(session, record(1), {})
         store.keep(session)
         with pytest.raises(InputError, match="another process"):
-            SessionStore(tmp_path).held(session.name).__enter__()
+            SessionStore(tmp_path).locked(session.name).__enter__()
     monkeypatch.undo()
     assert load_session(session.name, tmp_path) == session
     delete_session(session.name, tmp_path)
@@ -321,7 +321,7 @@ def test_a_session_whose_folder_was_renamed_goes_by_its_new_name(name: str, tmp_
     assert stored_names(tmp_path) == [name]
     session = load_session(name, tmp_path)
     store = SessionStore(tmp_path)
-    with store.held(name):
+    with store.locked(name):
         store.add(session, record(4), {})
     delete_session(name, tmp_path)
     assert stored_names(tmp_path) == []

@@ -96,7 +96,7 @@ def test_an_arc_has_its_course_and_its_turn_whatever_sways(noise_m: float) -> No
     found = drift_in(arc.path_m + sway_m + noise_m * np.random.default_rng(3).normal(size=(1500, 2)))
     assert found.half_turn_rad == pytest.approx(0.02 * STEADY_S / 2, abs=0.005 + noise_m)
     assert found.course_rad == pytest.approx(0.05 + 0.02 * STEADY_S / 2, abs=0.01 + noise_m)
-    assert found.way_m == pytest.approx(4.0, abs=0.2)
+    assert found.distance_m == pytest.approx(4.0, abs=0.2)
 
 
 def tape(arc: TrialResult, *ticks: int) -> TrialResult:

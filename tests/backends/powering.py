@@ -71,9 +71,9 @@ class HobbyServosConformance(PoweringConformance):
         with self.make() as servos:
             command(servos, 0.1)
             servos.clock.time.sleep(5.0)
-            wanted_rad = servos.robot.stance_angles_rad + 0.1
+            goal_rad = servos.robot.stance_angles_rad + 0.1
             np.testing.assert_allclose(
-                self.pulses_us(), servos.servo_map.raw(wanted_rad), atol=self.tolerance_us
+                self.pulses_us(), servos.servo_map.raw(goal_rad), atol=self.tolerance_us
             )
         with self.make() as servos:
-            np.testing.assert_allclose(servos.read().joint_positions_rad, wanted_rad, atol=self.tolerance_rad)
+            np.testing.assert_allclose(servos.read().joint_positions_rad, goal_rad, atol=self.tolerance_rad)

@@ -58,10 +58,10 @@ class _Board:
 
 
 def _thread(
-    board: _Board, opened: Callable[[], _Board], *, speed: float = 1e6, told_us: float = np.nan
+    board: _Board, opened: Callable[[], _Board], *, speed: float = 1e6, sent_us: float = np.nan
 ) -> BoardThread:
     """A thread for a board that opens others after it, for joints with a speed and their last pulses."""
-    first, told = BoardReport(at_s=board.time.now()), np.full(18, told_us)
+    first, told = BoardReport(at_s=board.time.now()), np.full(18, sent_us)
     return BoardThread(opened, board, first, PortCounters(), np.full(18, speed), told, time=board.time)
 
 
@@ -240,7 +240,7 @@ def test_torque_that_is_to_be_off_stays_off_when_that_is_asked_for_in_the_midst_
             assert released.wait(10)
 
     board = Slow(time)
-    slow = _thread(board, lambda: board, speed=100.0, told_us=1000.0)  # far targets take many steps
+    slow = _thread(board, lambda: board, speed=100.0, sent_us=1000.0)  # far targets take many steps
     with _running(slow, on=True) as thread:
         thread.send(POSE)
         assert writing.wait(10)

@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 import pytest
 
 from hexctl.backends import serial_ports as module
-from hexctl.backends.bus.serial_line import SerialLine, holder_of
+from hexctl.backends.bus.serial_line import SerialLine, program_using
 from hexctl.backends.serial_ports import serial_ports, unplugged_port
 from hexctl.errors import RobotFaultError
 from tests.backends.fake_time import FakeTime
@@ -152,7 +152,7 @@ def test_a_simulated_bus_does_not_use_its_own_port() -> None:
     maker = subprocess.Popen([sys.executable, "-c", makes], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     assert maker.stdout is not None
     path = maker.stdout.readline().decode().strip()
-    assert holder_of(path) is None
+    assert program_using(path) is None
     maker.communicate(b"\n")
 
 

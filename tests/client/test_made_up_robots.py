@@ -15,7 +15,7 @@ from hexctl.errors import HexctlError, InputError, RobotFaultError
 from hexctl.waiting import comes_true
 from hexctl.wire.description import RobotIdentity
 from hexctl.wire.links import Link, Role
-from hexctl.wire.stop import OTHERS_HOLD_S, claim_of
+from hexctl.wire.stop import OTHERS_LOCKOUT_S, claim_of
 from tests.client.test_stop_connections import STOP_ID, OnTheLink, SharedSession, free, listening, seen
 from tests.server.processes import free_port
 
@@ -77,9 +77,9 @@ def test_what_was_asked_before_a_press_does_not_confirm_it(unheard: ReadyStop) -
     asked_s = time.monotonic()
     unheard.press()
     unheard._see("datagram", seen(asked_s))
-    assert unheard._order.wanted.is_set(), "the stop goes on being sent"
+    assert unheard._order.ordered.is_set(), "the stop goes on being sent"
     unheard._see("datagram", seen(time.monotonic()))
-    assert not unheard._order.wanted.is_set()
+    assert not unheard._order.ordered.is_set()
 
 
 def test_a_robot_is_stopped_both_ways_and_watched(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,7 +101,7 @@ def test_a_robot_is_stopped_both_ways_and_watched(monkeypatch: pytest.MonkeyPatc
             watched = ready.watch(result)
             stop = bench.latch.current()
             assert stop is not None
-            bench.latch.clear(stop.stop_id, stop.since_s + OTHERS_HOLD_S)
+            bench.latch.clear(stop.stop_id, stop.since_s + OTHERS_LOCKOUT_S)
             ant.about["cleared"], ant.stopped = {"id": result.stop_id, "by": "mia"}, None
             assert "by mia" in next(watched)
 

@@ -19,7 +19,7 @@ from hexctl.client.stop_connections import DatagramStop, SessionStop, Sighting
 from hexctl.waiting import comes_true
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import Link
-from hexctl.wire.stop import OTHERS_HOLD_S
+from hexctl.wire.stop import OTHERS_LOCKOUT_S
 from hexctl.wire.stop_datagram import DATAGRAM_BYTES, SECRET_FILE, Kind, StopDatagram
 from tests.many_files import many_open_files
 from tests.server.processes import free_port
@@ -120,7 +120,7 @@ def test_a_stop_that_is_made_again_after_a_clear_is_claimed_again() -> None:
             assert comes_true(lambda: way.obeyed is not None, 10.0)
             first = bench.latch.current()
             assert first is not None
-            assert bench.latch.clear(first.stop_id, first.since_s + OTHERS_HOLD_S) is None
+            assert bench.latch.clear(first.stop_id, first.since_s + OTHERS_LOCKOUT_S) is None
             assert comes_true(lambda: way.obeyed not in (None, bytes.fromhex(first.claims[0])), 10.0)
             again = bench.latch.current()
     assert again is not None
@@ -140,11 +140,11 @@ def test_an_answer_of_before_a_press_stops_no_press_from_being_sent() -> None:
     exchanged()
     order.press()
     assert exchanged().kind is Kind.STOP
-    order.wanted.clear()
+    order.ordered.clear()
     late = bench.stop_socket.answer(way._next_datagram()) or b""
     first = bench.latch.current()
     assert first is not None
-    assert bench.latch.clear(first.stop_id, first.since_s + OTHERS_HOLD_S) is None
+    assert bench.latch.clear(first.stop_id, first.since_s + OTHERS_LOCKOUT_S) is None
     order.press()
     way._take(late)
     assert seen[-1].stopped == "estop"
@@ -316,7 +316,7 @@ def test_a_stop_that_was_cleared_between_two_looks_is_claimed_again(monkeypatch:
     with asking(monkeypatch, ant) as (way, order, seen):
         order.press()
         assert sees(seen, "estop")
-        order.wanted.clear()
+        order.ordered.clear()
         assert sees(seen, "estop")
         ant.claims[:], ant.stopped = ["0" * 16], "estop"  # cleared, and stopped by another client
         order.press()

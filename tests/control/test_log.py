@@ -18,7 +18,7 @@ from hexctl import InputError, JointTargets, MissingExtraError, Recorders, Robot
 from hexctl.backends.clock import Tick
 from hexctl.columns import READINGS, Column
 from hexctl.control.log import TickLog
-from hexctl.control.table import CHUNK_ROWS, KEPT_CHUNKS, ServoRows, Table
+from hexctl.control.table import CHUNK_ROWS, ServoRows, Table
 from hexctl.control.trace import PHASES, TrialFrame
 from hexctl.types import JOINT_NAMES, N_JOINTS, ServoReadings
 from tests.trials import Calling
@@ -171,7 +171,7 @@ COLUMNS = (
 CHUNK = 8
 
 
-ROWS = CHUNK * (KEPT_CHUNKS + 5) + 3
+ROWS = CHUNK * (CACHED_CHUNKS + 5) + 3
 
 
 def append_rows(store: Table, count: int = ROWS) -> None:
@@ -205,7 +205,7 @@ def test_rows_are_as_they_were_appended_and_older_ones_in_a_file() -> None:
         append_rows(store, rows - len(store))
         assert len(store) == rows
         check_rows(store, 0, rows)
-    assert on_disk(store) == len(store._chunks) - KEPT_CHUNKS
+    assert on_disk(store) == len(store._chunks) - CACHED_CHUNKS
     for start, stop in ((0, 1), (CHUNK - 1, CHUNK + 1), (3, ROWS), (ROWS - 1, ROWS), (7, 7)):
         check_rows(store, start, stop)
     assert store.rows("joints", 0, 1).flags.writeable
@@ -290,5 +290,5 @@ def test_readings_of_servos_are_as_they_were_appended_and_mostly_not_in_memory()
     assert [row for row, _ in rows.between(100, 200)] == [100, 150]
     assert [row for row, _ in rows.between(101, 201)] == [150, 200]
     assert rows.between(101, 150) == rows.between(40_000, 50_000) == ServoRows().between(0, 9) == []
-    assert on_disk(rows._numbers) == len(rows._numbers._chunks) - KEPT_CHUNKS > 0
+    assert on_disk(rows._numbers) == len(rows._numbers._chunks) - CACHED_CHUNKS > 0
     assert len({id(errors) for errors in rows._errors}) == 3

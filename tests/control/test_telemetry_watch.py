@@ -22,7 +22,7 @@ from hexctl.control.telemetry_watch import (
     MOST_CORRECTION_M,
     MOST_M,
     MOST_SPEED_M_S,
-    TOLD_S,
+    REPEAT_S,
     BatteryWatch,
     PositionCheck,
     SeenWarnings,
@@ -169,7 +169,7 @@ def test_it_tells_of_the_first_jump_of_several_and_for_a_while() -> None:
     for tick in range(3):
         check.believes(at(3e38 / (tick + 1)), tick * DT_S)
     assert "3e+38 m" in (check.doubt(3 * DT_S) or "")
-    assert check.doubt(3 * DT_S + TOLD_S) is None
+    assert check.doubt(3 * DT_S + REPEAT_S) is None
     assert check.doubted == 3
 
 

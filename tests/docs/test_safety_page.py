@@ -20,8 +20,8 @@ from hexctl.simulators.servo_board import FREE_AFTER_S, RELEASE_AFTER_S, RESUME_
 from hexctl.types import TOO_HOT_C
 from hexctl.wire.certificates import CertificateOptions
 from hexctl.wire.links import KeyMap, Role
-from hexctl.wire.stop import HOLD_S, MOST_OTHERS_HOLD_S, OTHERS_HOLD_S
-from hexctl.wire.stop_datagram import HOLDERS
+from hexctl.wire.stop import LOCKOUT_S, MOST_OTHERS_LOCKOUT_S, OTHERS_LOCKOUT_S
+from hexctl.wire.stop_datagram import STOP_ROLES
 from hexctl.wire.zenoh_session import access_control
 from tests.docs.pages import ROOT
 
@@ -51,9 +51,9 @@ TIMES = {
     "soft stop": (SAFETY, f"{RAMP_DURATION_S:g} s; 2.04 s (n 14)"),
     "rest": (SAFETY, f"its joints first stayed still for {STILL_S:g} s"),
     "board": (SAFETY, f"holds after {EXPIRY_S:g} s, goes limp after {RELEASE_AFTER_S:g} s"),
-    "clear": (SECURITY, f"with the id of the stop, {HOLD_S:g} s after it at the earliest"),
-    "others": (SECURITY, f"another user's stop after {OTHERS_HOLD_S:g} s"),
-    "repeated": (SECURITY, f"holds up to {MOST_OTHERS_HOLD_S:g} s"),
+    "clear": (SECURITY, f"with the id of the stop, {LOCKOUT_S:g} s after it at the earliest"),
+    "others": (SECURITY, f"another user's stop after {OTHERS_LOCKOUT_S:g} s"),
+    "repeated": (SECURITY, f"holds up to {MOST_OTHERS_LOCKOUT_S:g} s"),
     "cut": (SECURITY, f"stops after {EXPIRY_S:g} s"),
     "peer": (SECURITY, f"the commander was silent for {FREE_AFTER_S:g} s"),
     "days": (SECURITY, f"({CertificateOptions().days} days unless given)"),
@@ -112,7 +112,7 @@ def test_a_viewer_reads_and_nothing_else() -> None:
     taken = allowed(Role.VIEWER)
     assert {message for message, _ in taken} == {"declare_subscriber", "query"}
     assert {key for message, key in taken if message == "query"} == {"describe"}
-    assert Role.VIEWER not in HOLDERS  # of the secret of the datagram stop
+    assert Role.VIEWER not in STOP_ROLES  # of the secret of the datagram stop
 
 
 def test_a_controller_commands_stops_and_sets_the_pose() -> None:

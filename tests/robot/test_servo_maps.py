@@ -114,10 +114,10 @@ def test_a_turned_sign_moves_nothing_where_the_joint_stands(
 
 @given(servo_maps(), joints, degrees, degrees)
 def test_the_pulse_of_the_believed_angle_means_the_true_one(
-    servo_map: ServoMap, joint: int, believed_deg: float, true_deg: float
+    servo_map: ServoMap, joint: int, assumed_deg: float, true_deg: float
 ) -> None:
-    after = servo_map.referenced(joint, believed_deg, true_deg)
-    expected = pulse(servo_map, joint, believed_deg)
+    after = servo_map.referenced(joint, assumed_deg, true_deg)
+    expected = pulse(servo_map, joint, assumed_deg)
     assert pulse(after, joint, true_deg) == pytest.approx(expected, abs=0.001 * servo_map.per_deg[joint])
     others = np.arange(18) != joint
     np.testing.assert_array_equal(after.offsets_deg[others], servo_map.offsets_deg[others])

@@ -25,7 +25,7 @@ from hexctl.wire.zenoh_messages import CommandTag, encode_positions
 def test_the_first_who_asks_holds_the_robot_and_the_second_is_told_who() -> None:
     desk = LeaseManager()
     lease = desk.acquire("alice", 10.0)
-    assert desk.holder(10.5) == lease
+    assert desk.current(10.5) == lease
     with pytest.raises(LeaseRefusedError, match="alice"):
         desk.acquire("bob", 10.9)
     assert desk.refused == 1
@@ -37,8 +37,8 @@ def test_a_lease_ends_unless_it_is_renewed() -> None:
     lease = desk.acquire("alice", 0.0)
     for third in range(1, 10):
         desk.renew(lease.lease_id, third * LEASE_S / 3)
-    assert desk.holder(3.9 * LEASE_S) is not None
-    assert desk.holder(4.1 * LEASE_S) is None
+    assert desk.current(3.9 * LEASE_S) is not None
+    assert desk.current(4.1 * LEASE_S) is None
     with pytest.raises(LeaseRefusedError):
         desk.renew(lease.lease_id, 4.1 * LEASE_S)
 
@@ -53,9 +53,9 @@ def test_later_leases_have_higher_numbers_and_other_ids_and_earlier_ones_are_wor
     for stale in (desk.renew, desk.release):
         with pytest.raises(LeaseRefusedError, match="bob"):
             stale(first.lease_id, 0.3)
-    assert desk.holder(0.3) == second
+    assert desk.current(0.3) == second
     desk.revoke()
-    assert desk.holder(0.4) is None
+    assert desk.current(0.4) is None
     refused = desk.refused
     with pytest.raises(LeaseRefusedError):
         desk.renew(second.lease_id, 0.4)
@@ -68,21 +68,21 @@ def test_a_lease_cannot_be_guessed() -> None:
     for guess in (b"", bytes(16), b"x" * 100):
         with pytest.raises(LeaseRefusedError):
             desk.release(guess, 0.1)
-    assert desk.holder(0.1) is not None
+    assert desk.current(0.1) is not None
 
 
 def test_commands_keep_a_lease_whose_renewals_are_lost_and_revive_none_that_has_ended() -> None:
     leases = LeaseManager()
     lease = leases.acquire("one", 0.0)
     leases.heard(0.9)
-    held = leases.holder(1.8)
+    held = leases.current(1.8)
     assert held is not None
     assert held.lease_id == lease.lease_id
     leases.heard(2.0)
-    assert leases.holder(2.0) is None
+    assert leases.current(2.0) is None
     long = leases.acquire("two", 3.0, duration_s=10.0)
     leases.heard(4.0)
-    assert leases.holder(12.0) == long
+    assert leases.current(12.0) == long
 
 
 offsets = st.floats(-1e6, 1e6)

@@ -13,7 +13,7 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.zenoh.zenoh_client import ask
 from hexctl.cli.console import INTERRUPTED
 from hexctl.wire.links import KeyMap, Link, Role
-from hexctl.wire.stop import HOLD_S, claim_of, new_clear_key
+from hexctl.wire.stop import LOCKOUT_S, claim_of, new_clear_key
 from hexctl.wire.zenoh_session import open_session
 from tests.robots import shipped
 from tests.server.processes import Served, controlling, hexctl, program, relayed, served, wait_until
@@ -157,7 +157,7 @@ def test_an_estop_while_moving_ends_the_motion_every_time(
             clear_key = new_clear_key()
             stop = {"op": "stop", "request": claim_of(clear_key)}
             assert [answer["stopped"] for answer in ask(session, keys.estop, stop)] == ["estop"]
-            time.sleep(HOLD_S + 0.05)
+            time.sleep(LOCKOUT_S + 0.05)
             assert robot.log().moved_after(at_s) <= still_after_s
             (described,) = ask(session, keys.describe)
             clear = {"op": "clear", "id": described["status"]["stop"]["id"], "keys": [clear_key]}

@@ -21,7 +21,7 @@ from hexctl.client.stop_client import ReadyStop, StopResult, estop
 from hexctl.errors import HexctlError
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import KeyMap, Link, Role
-from hexctl.wire.stop import HOLD_S
+from hexctl.wire.stop import LOCKOUT_S
 from hexctl.wire.stop_datagram import DATAGRAM_BYTES, Kind, StopDatagram, find_stop_secret, mark_of
 from hexctl.wire.zenoh_session import open_session
 from tests.server.processes import Served, hexctl_process, program, repeated, served, swayed, wait_until
@@ -252,8 +252,8 @@ class StubbornClient:
 @pytest.mark.parametrize(
     ("times", "for_s"),
     [
-        (1, HOLD_S + 0.5),
-        pytest.param(MANY, HOLD_S + 0.5, marks=pytest.mark.soak),
+        (1, LOCKOUT_S + 0.5),
+        pytest.param(MANY, LOCKOUT_S + 0.5, marks=pytest.mark.soak),
         pytest.param(5, 60.0, marks=pytest.mark.soak),
     ],
 )

@@ -19,7 +19,7 @@ from hexctl.server.stops.latch import StopLatch
 from hexctl.server.transport import MOST_WAITING, QUERIES, Inbox, end_lingering
 from hexctl.waiting import comes_true
 from hexctl.wire.description import encode_json
-from hexctl.wire.stop import HOLD_S, MAX_BY, UNNAMED
+from hexctl.wire.stop import LOCKOUT_S, MAX_BY, UNNAMED
 from tests.control.posed import connected, send
 from tests.robots import shipped
 from tests.server.processes import repeated
@@ -155,11 +155,11 @@ def test_a_stop_in_the_instant_of_a_lease_leaves_none(
 
     monkeypatch.setattr(desk.leases, "acquire", interrupted)
     assert "estop" in str(ask(desk, op="acquire", owner="alice")["error"])
-    assert desk.leases.holder(0.0) is None
+    assert desk.leases.current(0.0) is None
     assert guard.stopped == "estop"
 
 
-def clear(desk: RequestHandler, *, after_s: float = HOLD_S) -> dict[str, object]:
+def clear(desk: RequestHandler, *, after_s: float = LOCKOUT_S) -> dict[str, object]:
     """Clear the stop in force by its id, a time after it was asked for."""
     stop = desk.latch.current()
     assert stop is not None
@@ -184,7 +184,7 @@ def test_who_asks_for_a_stop_or_a_clear_is_known_by_the_name_that_it_says(
     assert stop is not None
     assert stop.by == by
     asked = json.dumps({"op": "clear", "id": stop.stop_id, "owner": owner}).encode()
-    assert desk.estop(asked, stop.since_s + HOLD_S) == {"stopped": None}
+    assert desk.estop(asked, stop.since_s + LOCKOUT_S) == {"stopped": None}
     assert desk.latch.cleared is not None
     assert (desk.latch.cleared.by, desk.latch.cleared.stop) == (by, stop)
 
@@ -194,7 +194,7 @@ def test_a_stop_after_a_clear_was_sent_is_not_cleared_by_it(desk: RequestHandler
     first = desk.latch.current()
     assert first is not None
     desk.urgent(b"")  # somebody else has seen something, too
-    answer = desk.estop(encode_json({"op": "clear", "id": first.stop_id}), first.since_s + 2 * HOLD_S)
+    answer = desk.estop(encode_json({"op": "clear", "id": first.stop_id}), first.since_s + 2 * LOCKOUT_S)
     assert answer["stopped"] == "estop"
     assert "error" in answer
 

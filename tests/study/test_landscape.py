@@ -83,8 +83,8 @@ def placed(
     return replace(asked, placed=True, miss_rad=math.radians(miss_deg))
 
 
-def _off_rad(angle_rad: float, wanted_rad: float) -> float:
-    return abs(math.remainder(angle_rad - wanted_rad, math.tau))
+def _off_rad(angle_rad: float, requested_rad: float) -> float:
+    return abs(math.remainder(angle_rad - requested_rad, math.tau))
 
 
 @pytest.mark.slow

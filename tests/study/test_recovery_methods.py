@@ -28,7 +28,7 @@ from hexctl.robot.model import Robot
 from hexctl.study.recovery import evolution, open_loop, shaped_walk
 from hexctl.study.recovery.episodes import Episode, RecoveryCase
 from hexctl.study.recovery.evolution import EvolutionSearch
-from hexctl.study.recovery.methods import RecoveryMethod, ToldWalk, method_of
+from hexctl.study.recovery.methods import OracleWalk, RecoveryMethod, method_of
 from hexctl.study.recovery.open_loop import rehearse
 from hexctl.study.recovery.shaped_walk import FELL, scores_of, search_shapes, shape_of, trial_of
 from hexctl.study.recovery.stop_and_diagnose import StopAndDiagnoseWalk
@@ -173,8 +173,8 @@ def test_a_policy_that_stops_ends_the_walk_after_the_test() -> None:
 def test_a_policy_that_stops_ends_the_walk_of_the_oracle_in_the_tick_of_the_failure() -> None:
     trial = LONG.trial(STOPPING)
 
-    def make(start: WalkStart) -> ToldWalk:
-        return ToldWalk(start, [trial.events], StopWalking())
+    def make(start: WalkStart) -> OracleWalk:
+        return OracleWalk(start, [trial.events], StopWalking())
 
     (result,) = run_sim_trials([trial], 1, make, apart=True)
     assert (result.status, result.stopped) == ("aborted", "leg 2 limp")

@@ -108,7 +108,7 @@ def test_further_devices_are_opened_up_to_the_most_and_looked_for_once_in_a_whil
     assert not files.opened, "it has just looked"
 
 
-HOLD, STICK_Y, STICK_X, TURN = (1, 310), (3, 1), (3, 0), (3, 3)
+SHOULDERS, STICK_Y, STICK_X, TURN = (1, 310), (3, 1), (3, 0), (3, 3)
 
 
 def event(kind_and_code: tuple[int, int], value: int) -> bytes:
@@ -151,19 +151,19 @@ def pad(pipes: Pipes) -> Pad:
 def test_the_sticks_drive_while_a_shoulder_button_is_held(pad: Pad) -> None:
     pad.plug_in()
     assert pad.send(event(STICK_Y, -32768)) == Decision()
-    assert pad.send(event(HOLD, 1)).velocity == Velocity(1.0, 0.0, 0.0)
+    assert pad.send(event(SHOULDERS, 1)).velocity == Velocity(1.0, 0.0, 0.0)
     for _ in range(50):
         pad.pipes.now_s += 0.1  # nothing moves: a stick that is held sends no events
         pad.pad.poll()
         assert pad.arbiter.decide().velocity == Velocity(1.0, 0.0, 0.0)
     assert pad.send(event(STICK_X, -32768), event(TURN, 32767)).velocity == Velocity(1.0, 1.0, -1.0)
-    assert pad.send(event(HOLD, 0)) == Decision(Velocity(), "gamepad")
+    assert pad.send(event(SHOULDERS, 0)) == Decision(Velocity(), "gamepad")
 
 
 def test_with_both_shoulder_buttons_the_sticks_move_the_body(pad: Pad) -> None:
     pad.plug_in()
     other, middle = (1, 311), event(STICK_Y, 0)
-    assert pad.send(event(HOLD, 1), event(STICK_Y, -32768)).velocity == Velocity(1.0)
+    assert pad.send(event(SHOULDERS, 1), event(STICK_Y, -32768)).velocity == Velocity(1.0)
     assert pad.send(event(other, 1)).velocity == Velocity()
     assert not pad.leaned, "the stick has to be in the middle first"
     pad.send(middle)
@@ -172,42 +172,42 @@ def test_with_both_shoulder_buttons_the_sticks_move_the_body(pad: Pad) -> None:
     assert pad.leaned == [(1.0, 0.0, 1.0, 1.0)]
     assert pad.arbiter.decide() == Decision(Velocity(), "gamepad")
     assert pad.send(event(other, 0)).velocity == Velocity(), "it walks only from the middle"
-    assert pad.send(event(HOLD, 0)).velocity == Velocity()
-    pad.send(event(TURN, 0), event((3, 4), 0), middle, event(HOLD, 1), event(other, 1))
-    pad.send(event(HOLD, 0), event(other, 0))
+    assert pad.send(event(SHOULDERS, 0)).velocity == Velocity()
+    pad.send(event(TURN, 0), event((3, 4), 0), middle, event(SHOULDERS, 1), event(other, 1))
+    pad.send(event(SHOULDERS, 0), event(other, 0))
     assert pad.asked == ["hold body"]
 
 
 def test_a_pad_that_is_pulled_out_is_a_release_and_may_come_back(pad: Pad) -> None:
     pad.plug_in()
-    assert pad.send(event(HOLD, 1), event(STICK_Y, -32768)).velocity == Velocity(1.0)
+    assert pad.send(event(SHOULDERS, 1), event(STICK_Y, -32768)).velocity == Velocity(1.0)
     pad.pipes.pull("event7")
     assert pad.send() == Decision(Velocity(), "gamepad")
     assert not pad.pad._files.opened
     pad.plug_in()
     assert pad.send(event(STICK_Y, -32768)).velocity == Velocity()  # it has to be pressed again
-    assert pad.send(event(HOLD, 1), event(STICK_Y, -32768)).velocity == Velocity(1.0)
+    assert pad.send(event(SHOULDERS, 1), event(STICK_Y, -32768)).velocity == Velocity(1.0)
 
 
 def test_a_stick_that_is_held_while_a_stop_is_cleared_has_to_be_let_go_first(pad: Pad) -> None:
     pad.plug_in()
     full, middle = event(STICK_Y, -32768), event(STICK_Y, 0)
-    assert pad.send(event(HOLD, 1), full).velocity == Velocity(1, 0, 0)
+    assert pad.send(event(SHOULDERS, 1), full).velocity == Velocity(1, 0, 0)
     pad.arbiter.clear()
     assert pad.send() == Decision()
     assert pad.send(middle) == Decision(Velocity(), "gamepad")
     assert pad.send(full).velocity == Velocity(1, 0, 0)
     pad.arbiter.clear()
     assert pad.send(full) == Decision()
-    pad.send(event(HOLD, 0))
-    assert pad.send(event(HOLD, 1)).velocity == Velocity(1, 0, 0)
+    pad.send(event(SHOULDERS, 0))
+    assert pad.send(event(SHOULDERS, 1)).velocity == Velocity(1, 0, 0)
 
 
 def test_lost_events_are_a_release_and_buttons_ask(pad: Pad) -> None:
     pad.plug_in()
-    pad.send(event(HOLD, 1), event(STICK_Y, -32768))
+    pad.send(event(SHOULDERS, 1), event(STICK_Y, -32768))
     assert pad.send(event((0, 3), 0)) == Decision(Velocity(), "gamepad")
-    assert pad.send(event(HOLD, 1)).velocity == Velocity()
+    assert pad.send(event(SHOULDERS, 1)).velocity == Velocity()
     pad.send(event((1, 305), 1), event((1, 315), 1), event((3, 17), -1), event((1, 305), 0))
     assert pad.asked == ["stop", "stand", "up"]
 
@@ -320,7 +320,7 @@ def test_a_shoulder_button_that_is_an_axis_holds(axis: int) -> None:
     held = []
     for value in (0, 5000, 32767, 9000, 0):
         pad.take(EV_ABS, axis, value)
-        held.append(pad.held)
+        held.append(pad.enabled)
     assert held == [False, False, True, False, False]
 
 

@@ -221,7 +221,7 @@ class Bayes(TaughtOptimizer):
     def _known_good(self) -> BoolArray:
         return self._walked(lambda status: status == "ok") & ~self._failed()
 
-    def _walked(self, wanted: Callable[[str], bool]) -> BoolArray:
+    def _walked(self, used: Callable[[str], bool]) -> BoolArray:
         rows = np.zeros(self.space.size, dtype=bool)
-        rows[[code - 1 for code, _, status, _ in self._trials if wanted(status)]] = True
+        rows[[code - 1 for code, _, status, _ in self._trials if used(status)]] = True
         return rows

@@ -42,7 +42,7 @@ class TrimSearch(TaughtOptimizer):
         codes: of all gaits, the one with the best static margin first; None is ascending order.
         samples: drifts in the worlds of a prior; None without a prior.
         floor_m: minimum distance of a valid walk.
-        way_m: distance of a walk of any gait, without a prior.
+        distance_m: distance of a walk of any gait, without a prior.
         turns: whether walks turn with a trim; False if they hold their heading.
     """
 
@@ -62,7 +62,7 @@ class TrimSearch(TaughtOptimizer):
         duration_s: float = 30.0,
         cycle_s: float = 1.0,
         floor_m: float = 0.0,
-        way_m: float = 4.0,
+        distance_m: float = 4.0,
         turns: bool = True,
     ) -> None:
         super().__init__(space, seed)
@@ -70,7 +70,7 @@ class TrimSearch(TaughtOptimizer):
         self._samples, self._target_m, self._turns = samples, target_m, turns
         self._floor_m = floor_m
         self._cycle_s, self._half_s = cycle_s, half_steady_s(duration_s)
-        self._way_m = np.full(space.size, way_m) if samples is None else samples.way_m
+        self._distance_m = np.full(space.size, distance_m) if samples is None else samples.distance_m
         self._forget()
 
     @property
@@ -84,10 +84,10 @@ class TrimSearch(TaughtOptimizer):
 
     def predict(self, code: int) -> Prediction:
         """Where the next walk of a gait is expected to end."""
-        left_rad, way_m = self._straightened(code)[1], float(self._way_m[code - 1])
-        sd_m = way_m * self._belief.forecast(code).sd_rad
-        trial_sd_m = math.hypot(sd_m, way_m * self._belief.noise_rad(code))
-        mean_m = way_m * math.sin(left_rad)
+        left_rad, distance_m = self._straightened(code)[1], float(self._distance_m[code - 1])
+        sd_m = distance_m * self._belief.forecast(code).sd_rad
+        trial_sd_m = math.hypot(sd_m, distance_m * self._belief.noise_rad(code))
+        mean_m = distance_m * math.sin(left_rad)
         chance = float(chance_within(np.array(mean_m), np.array(trial_sd_m), self._target_m))
         return Prediction(
             signed_m=mean_m, sd_m=sd_m, trial_sd_m=trial_sd_m, chance=chance, target_m=self._target_m
@@ -99,7 +99,7 @@ class TrimSearch(TaughtOptimizer):
         if code not in self._walked:
             unknown_rad = GAIN_SD * self._belief.forecast(code).sd_rad
             noise_rad = PRICE * math.hypot(noise_rad, unknown_rad)
-        return float(self._way_m[code - 1]) * math.hypot(left_rad, noise_rad)
+        return float(self._distance_m[code - 1]) * math.hypot(left_rad, noise_rad)
 
     def _straightened(self, code: int) -> tuple[Trim, float]:
         """The trim of a gait, and the remaining course error, because trims have limits."""
@@ -129,7 +129,7 @@ class TrimSearch(TaughtOptimizer):
         if observation is None:
             return ["unknown", 0.0, 0.0, None]
         drift = drift_of(observation, self._cycle_s) if observation.finished else None
-        numbers = None if drift is None else [drift.course_rad, drift.half_turn_rad, drift.way_m]
+        numbers = None if drift is None else [drift.course_rad, drift.half_turn_rad, drift.distance_m]
         return [observation.status, observation.trim.course_rad, observation.trim.turn_rad_s, numbers]
 
     def _observe(

@@ -32,17 +32,17 @@ class Drift:
         course_rad: direction from the start to the end of the walk, from the line, counter-clockwise.
         half_turn_rad: half of the angle by which the direction of travel turned, counter-clockwise: an arc
             that begins along the line has it as its course.
-        way_m: distance from the start to the end.
+        distance_m: distance from the start to the end.
     """
 
     course_rad: float
     half_turn_rad: float
-    way_m: float
+    distance_m: float
 
     @property
     def walked_m(self) -> float:
         """Length of the arc, which a trim would make the distance."""
-        return self.way_m / max(float(np.sinc(self.half_turn_rad / math.pi)), 0.2)
+        return self.distance_m / max(float(np.sinc(self.half_turn_rad / math.pi)), 0.2)
 
 
 def drift_of(walk: Observation, cycle_s: float) -> Drift | None:
@@ -60,7 +60,7 @@ def drift_of(walk: Observation, cycle_s: float) -> Drift | None:
     at_s, points_m = _means(times_s[known], points_m, walk.duration_s, cycle_s)
     if len(points_m) > 2:
         half_turn_rad = _turn_rad_s(at_s, points_m) * half_steady_s(walk.duration_s)
-    return Drift(course_rad=course_rad, half_turn_rad=half_turn_rad, way_m=float(np.hypot(*end_m)))
+    return Drift(course_rad=course_rad, half_turn_rad=half_turn_rad, distance_m=float(np.hypot(*end_m)))
 
 
 def _means(

@@ -20,7 +20,7 @@ DEFAULT_TARGET_M = 0.025
 def choose_prior(
     spec: SessionSpec,
     setting: Setting,
-    wanted: str | None,
+    choice: str | None,
     *,
     free: bool,
     folders: list[Path],
@@ -30,20 +30,20 @@ def choose_prior(
 
     Args:
         spec: of a session, without a prior.
-        wanted: `auto`, `none`, or the path or name of a prior; None is `auto`.
+        choice: `auto`, `none`, or the path or name of a prior; None is `auto`.
         free: whether no optimizer was requested; then, and with trim, a missing prior is no error.
         folders: searched for priors, in this order.
         note: called with the reason if a session has no prior.
 
     Raises InputError for options that contradict one another, and for a prior that does not fit.
     """
-    named = wanted not in (None, "auto")
-    if not _wants_prior(spec, wanted, free):
+    named = choice not in (None, "auto")
+    if not _wants_prior(spec, choice, free):
         return spec
     robot, plan = setting.robot, setting.plan
     reason = "" if spec.optimizer == TRIM and spec.hold == "none" else _other_objective(spec)
     if not reason and named:
-        path = named_prior(str(wanted), folders)
+        path = named_prior(str(choice), folders)
         check_prior(path, robot, plan)
         return _with_prior(spec, path)
     if not reason:
@@ -89,12 +89,12 @@ def _other_objective(spec: SessionSpec) -> str:
     return f"priors are for the objective final, not {spec.objective}, with hold none{others}"
 
 
-def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
+def _wants_prior(spec: SessionSpec, choice: str | None, free: bool) -> bool:
     """Whether to search for a prior; raises InputError for contradicting options."""
     believes = spec.optimizer == BAYES and not free
-    repeats = spec.count_repeats and free and wanted is None
-    wants = (free or believes or spec.optimizer == TRIM) and wanted != "none" and not repeats
-    refuse(_believing(spec) if wants else _unbelieving(spec, wanted, believes))
+    repeats = spec.count_repeats and free and choice is None
+    wants = (free or believes or spec.optimizer == TRIM) and choice != "none" and not repeats
+    refuse(_believing(spec) if wants else _unbelieving(spec, choice, believes))
     return wants
 
 
@@ -102,19 +102,19 @@ def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
 Contradictions = Iterator[tuple[bool, str, str]]
 
 
-def refuse(found: Contradictions) -> None:
+def refuse(contradictions: Contradictions) -> None:
     """Raise InputError for the first contradiction."""
-    for contradicts, got, allowed in found:
+    for contradicts, got, allowed in contradictions:
         if contradicts:
             raise InputError(f"{got}; allowed: {allowed}")
 
 
-def _unbelieving(spec: SessionSpec, wanted: str | None, believes: bool) -> Contradictions:
+def _unbelieving(spec: SessionSpec, choice: str | None, believes: bool) -> Contradictions:
     """Contradictions of the options of a session without a prior."""
     prior, optimizer, early, worth = map(argument, ("prior", "optimizer", "early_stop", "worth_m"))
     yield believes, f"{prior}: got none with {optimizer} bayes", "auto or a file"
-    other = wanted not in (None, "none")
-    yield other, f"{prior}: got {wanted} with {optimizer} {spec.optimizer}", "with trim or bayes"
+    other = choice not in (None, "none")
+    yield other, f"{prior}: got {choice} with {optimizer} {spec.optimizer}", "with trim or bayes"
     stops = spec.early_stop and ":" not in spec.optimizer
     yield stops, f"{early}: used without a prior", "with bayes and a prior"
     given = spec.worth_m is not None

@@ -20,7 +20,7 @@ PRIORS = "priors"
 
 
 @dataclass(frozen=True)
-class Found:
+class PriorMatch:
     """Path of a prior, or the reason why there is none."""
 
     path: Path | None
@@ -48,7 +48,7 @@ def named_prior(text: str, folders: Iterable[Path]) -> Path:
 
 def find_prior(
     robot: Robot, plan: TrialPlan, folders: Iterable[Path], *, any_duration: bool = False
-) -> Found:
+) -> PriorMatch:
     """Find the first prior in some folders for the trials of a plan, or why there is none.
 
     `any_duration` allows other durations, if only the order of the gaits counts. Damaged files are skipped.
@@ -60,10 +60,10 @@ def find_prior(
         except InputError:
             continue
         if not differences:
-            return Found(path)
+            return PriorMatch(path)
         if nearest is None or len(differences) < nearest[0]:
             nearest = (len(differences), f"{path.name} is for {', '.join(differences)}")
-    return Found(None, nearest[1] if nearest else "none has been built")
+    return PriorMatch(None, nearest[1] if nearest else "none has been built")
 
 
 def check_prior(path: Path, robot: Robot, plan: TrialPlan) -> None:

@@ -107,12 +107,12 @@ class DriftSamples:
 
     Attributes:
         drifts_rad: course and half turn of each gait in each world, (worlds, gaits, 2).
-        way_m: mean distance from start to end of each gait, (gaits,).
+        distance_m: mean distance from start to end of each gait, (gaits,).
     """
 
     leg: int
     drifts_rad: FloatArray
-    way_m: FloatArray
+    distance_m: FloatArray
 
 
 def drift_samples_of(prior: Prior, robot: Robot, leg: int) -> DriftSamples:
@@ -125,8 +125,8 @@ def drift_samples_of(prior: Prior, robot: Robot, leg: int) -> DriftSamples:
         ways.append(np.hypot(*np.moveaxis(path_m[:, :, -1], -1, 0)))
     known = np.concatenate(drifts)
     _check_known(known, leg)
-    way_m = _filled(np.concatenate(ways)).mean(axis=0)
-    return DriftSamples(leg=leg, drifts_rad=_filled(known), way_m=way_m)
+    distance_m = _filled(np.concatenate(ways)).mean(axis=0)
+    return DriftSamples(leg=leg, drifts_rad=_filled(known), distance_m=distance_m)
 
 
 def _drifts_rad(path_m: FloatArray, duration_s: float) -> FloatArray:

@@ -55,7 +55,7 @@ def make_search(
             duration_s=spec.duration_s,
             cycle_s=1 / plan.gait.pace_hz,
             floor_m=progress_floor_m(robot, plan, plan.duration_s),
-            way_m=ideal_distance_m(robot, plan, plan.duration_s),
+            distance_m=ideal_distance_m(robot, plan, plan.duration_s),
             turns=spec.hold == "none",
         )
     if prior is None:

@@ -50,7 +50,7 @@ RUNS = Path("runs")
 MOST_BYTES = 1_000_000_000
 
 #: Ends the message for a session that another process holds.
-_HELD = "another process is running it; wait for it or stop it"
+_LOCKED = "another process is running it; wait for it or stop it"
 
 #: Names that `SessionStore.create` gives. Only of those a deletion removes everything in the folder.
 _MADE = re.compile(r"\d{8}-\d{6}-leg[1-6]-[\w.-]+")
@@ -69,11 +69,11 @@ class SessionStore:
         self._locks: dict[str, int] = {}
         make_folder(folder)
 
-    def create(self, spec: SessionSpec, holder: ExitStack | None = None) -> Session:
+    def create(self, spec: SessionSpec, until: ExitStack | None = None) -> Session:
         """Add a session with a new name, on the disk when this returns.
 
         Args:
-            holder: keeps other processes from continuing or deleting the session until it is closed, as
+            until: keeps other processes from continuing or deleting the session until it is closed, as
                 `held` does; None holds nothing.
 
         Raises StoreError when the disk refuses.
@@ -86,7 +86,7 @@ class SessionStore:
         session = Session(name=stem, spec=spec, created=now.isoformat(timespec="seconds"))
         line = standing_line(session)
         with ExitStack() as until_made:
-            stack = until_made if holder is None else holder
+            stack = until_made if until is None else until
             try:
                 session.name = self._made_folder(stem)
                 lock = stack.enter_context(_made(self.folder / session.name / FILE_NAME, line))
@@ -99,7 +99,7 @@ class SessionStore:
         return session
 
     @contextmanager
-    def held(self, name: str) -> Iterator[None]:
+    def locked(self, name: str) -> Iterator[None]:
         """Keep other processes from continuing a session meanwhile; the lock of a killed holder is released.
 
         Raises InputError for an unknown name, or when another process holds it.
@@ -142,7 +142,7 @@ class SessionStore:
         """Add a line to a session's file, replacing an incomplete one."""
         name = session.name
         with _opened(self.folder / name / FILE_NAME, name) as file:
-            self._check_held(name, file)
+            self._lock_file(name, file)
             self._check_last(session, what, file)
             try:
                 os.ftruncate(file, session.stored_bytes)
@@ -153,11 +153,11 @@ class SessionStore:
                 raise StoreError(f"session {name}: {what} cannot be stored: {error.strerror}") from error
         session.stored_bytes += len(line)
 
-    def _check_held(self, name: str, file: int) -> None:
+    def _lock_file(self, name: str, file: int) -> None:
         """Take the lock of a session's file until it is closed, unless this store holds it already."""
         if name not in self._locks:
             if not _lock(file):
-                raise StoreError(f"session {name}: {_HELD}")
+                raise StoreError(f"session {name}: {_LOCKED}")
         elif not os.path.samestat(os.fstat(self._locks[name]), os.fstat(file)):
             raise _moved(name)
 
@@ -251,7 +251,7 @@ def _locked(name: str, folder: Path) -> Iterator[int]:
     _check_there(name, folder)
     with _opened(folder / name / FILE_NAME, name) as file:
         if not _lock(file):
-            raise InputError(f"session {name}: {_HELD}")
+            raise InputError(f"session {name}: {_LOCKED}")
         yield file
 
 

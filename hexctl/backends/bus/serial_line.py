@@ -149,7 +149,7 @@ def open_device(path: str, baud: int) -> Any:
             ) from error
         reason = os.strerror(number) if number else str(error)  # pyserial's own has the name once more
         if number == errno.EAGAIN:  # locked: another program has it exclusively
-            program = holder_of(path) or "another program"
+            program = program_using(path) or "another program"
             raise RobotFaultError(
                 f"the port {path} is in use by {program}; `hexctl serve` and its keeper hold their port, "
                 "and a keeper lets the robot down before it ends"
@@ -160,7 +160,7 @@ def open_device(path: str, baud: int) -> Any:
         ) from error
 
 
-def holder_of(path: str) -> str | None:
+def program_using(path: str) -> str | None:
     """Program using a device, with its process id, if visible to this user; else None.
 
     A program that made a pseudo-terminal has both of its ends and does not use it.

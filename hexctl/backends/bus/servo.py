@@ -19,7 +19,7 @@ Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FoundServo:
+class ScannedServo:
     """A servo that answers; None for unknown values.
 
     Attributes:
@@ -109,7 +109,7 @@ class Servo(ABC):
         return None
 
     @abstractmethod
-    def look(self) -> FoundServo:
+    def look(self) -> ScannedServo:
         """Identity and readings of the servo."""
 
     @abstractmethod

@@ -12,7 +12,7 @@ from hexctl.backends.bus.family import Family, find_family
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import BROADCAST
 from hexctl.backends.bus.serial_line import SerialLine
-from hexctl.backends.bus.servo import TRIES, FoundServo, Servo
+from hexctl.backends.bus.servo import TRIES, ScannedServo, Servo
 from hexctl.backends.bus.servo_bus import BusCounters, ServoBus
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.model import Robot
@@ -106,7 +106,7 @@ def scan_bus(
     ids: Sequence[int] = IDS,
     progress: Progress = lambda _asked, _of: None,
     on_damage: Callable[[Damage], None] = lambda _: None,
-) -> list[FoundServo]:
+) -> list[ScannedServo]:
     """Servos that answer on a port, by id. Nothing is switched and nothing moves.
 
     Args:
@@ -119,10 +119,10 @@ def scan_bus(
     """
     family = find_family(driver)
     asked, of = count(), len(bauds) * len(family.formats) * len(ids)
-    found: list[FoundServo] = []
+    found: list[ScannedServo] = []
     for baud in bauds:
         with opened_line(path, baud) as line:
-            at_baud: dict[int, FoundServo] = {}
+            at_baud: dict[int, ScannedServo] = {}
             for protocol in family.formats:
                 listener = Listener(tool_line(line, family, protocol))
                 for servo_id in ids:
@@ -140,7 +140,7 @@ def scan_bus(
 
 
 def _look_at(
-    listener: Listener, family: Family, protocol: int, servo_id: int, found: dict[int, FoundServo]
+    listener: Listener, family: Family, protocol: int, servo_id: int, found: dict[int, ScannedServo]
 ) -> None:
     def look() -> bool | None:
         if not listener.packets.ping(servo_id):
@@ -183,7 +183,7 @@ def other_settings(
     )
 
 
-def _a_servo(path: str, family: Family, baud: int, *, known: bool) -> FoundServo | None:
+def _a_servo(path: str, family: Family, baud: int, *, known: bool) -> ScannedServo | None:
     """A servo with one of a few ids; with `known` only one of a known model."""
     try:
         found = scan_bus(path, family.name, baud, ids=FIRST_IDS)
@@ -216,7 +216,7 @@ def nothing_answers(path: str, driver: str, bauds: Sequence[int], *, all_asked: 
 
 def set_servo_id(
     path: str, driver: str, baud: int, new_id: int, *, progress: Progress = lambda _asked, _of: None
-) -> FoundServo:
+) -> ScannedServo:
     """Change the id of the only servo on a bus, and read it under the new one.
 
     Raises InputError for another driver, for an id that no servo can have and unless exactly one servo
@@ -244,7 +244,7 @@ def set_servo_id(
         return _give_id(family.servo_with(packets, servo.protocol, servo.servo_id), new_id)
 
 
-def _give_id(servo: Servo, new_id: int) -> FoundServo:
+def _give_id(servo: Servo, new_id: int) -> ScannedServo:
     old_id = servo.servo_id
     if said := servo.set_id(new_id):
         raise RobotFaultError(f"the servo with id {old_id} did not take the id {new_id} ({said})")
@@ -322,7 +322,7 @@ def lost_id_notes(bus: ServoBus, servos: BusMap, found: BoolArray) -> list[str]:
     ]
 
 
-def adopt(robot: Robot, servos: BusMap, port: str, baud: int) -> tuple[int, float | None, FoundServo]:
+def adopt(robot: Robot, servos: BusMap, port: str, baud: int) -> tuple[int, float | None, ScannedServo]:
     """Give the servo with the factory's id the id of the only missing joint.
 
     It is limp then, and restarted if possible. Returns the joint, 0..17, its angle in degrees if reported,
@@ -359,7 +359,7 @@ def _adoptable(servos: BusMap, found: BoolArray) -> int | None:
     return int(missing[0]) if alone else None
 
 
-def _lost_servo(line: SerialLine, servos: BusMap, joint: int) -> tuple[Servo, FoundServo]:
+def _lost_servo(line: SerialLine, servos: BusMap, joint: int) -> tuple[Servo, ScannedServo]:
     """Servo with the factory's id, and its readings; raises RobotFaultError unless it may be a joint's."""
     servo, name = _find_servo(line, servos.family, FACTORY_ID), servos.names(np.arange(N_JOINTS) == joint)
     if servo is None:
@@ -375,7 +375,7 @@ def _lost_servo(line: SerialLine, servos: BusMap, joint: int) -> tuple[Servo, Fo
     return servo, seen
 
 
-def _angle_deg(robot: Robot, servos: BusMap, joint: int, seen: FoundServo) -> float | None:
+def _angle_deg(robot: Robot, servos: BusMap, joint: int, seen: ScannedServo) -> float | None:
     """Angle of a joint by its servo's position; raises RobotFaultError if the joint cannot have it."""
     if seen.position is None:
         return None

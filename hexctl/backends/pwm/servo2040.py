@@ -46,7 +46,7 @@ TRIES = 4
 BAUD = 115_200
 
 #: Pulse of a servo before its first command.
-NEVER_US = (0, 1500)
+UNUSED_US = (0, 1500)
 
 
 def set_frame(start: int, values: Sequence[int]) -> bytes:
@@ -111,7 +111,7 @@ class Servo2040:
         values = self._ask(0, N_JOINTS, tries=TRIES)
         if values is None:
             raise TimeoutError("the board does not report its pulses")
-        if any(len(set(values)) == 1 and never in values for never in NEVER_US):
+        if any(len(set(values)) == 1 and never in values for never in UNUSED_US):
             return np.full(N_JOINTS, np.nan)
         pulses = np.array(values, dtype=float)[self._map.outputs]
         return np.where(pulses > 0, pulses, np.nan)

@@ -66,7 +66,7 @@ class BoardThread(PortThread[PwmBoard]):
         speeds: maximum of the joints, (18,), in microseconds of pulse per second.
 
     Attributes:
-        told_us: last commanded pulses, (18,), NaN for none.
+        sent_us: last commanded pulses, (18,), NaN for none.
         powered: servos with pulses, (18,).
     """
 
@@ -77,15 +77,15 @@ class BoardThread(PortThread[PwmBoard]):
         newest: BoardReport,
         counters: PortCounters,
         speeds: FloatArray,
-        told_us: FloatArray,
+        sent_us: FloatArray,
         *,
         time: TimeSource = WALL_TIME,
     ) -> None:
         super().__init__(opened, board, counters=counters, speeds=speeds, name="servo board", time=time)
         self._counters = counters
-        self.newest, self.told_us = newest, told_us
-        self._sent = told_us
-        self.powered: BoolArray = np.isfinite(told_us)
+        self.newest, self.sent_us = newest, sent_us
+        self._sent = sent_us
+        self.powered: BoolArray = np.isfinite(sent_us)
         self._next_leg_at_s = 0.0
 
     def _may_follow(self) -> bool:
@@ -97,17 +97,17 @@ class BoardThread(PortThread[PwmBoard]):
 
     def _follow(self, targets: FloatArray) -> FloatArray:
         if self.on and self.powered.all() and self._time.now() >= self._next_leg_at_s:
-            self.told_us = self._stepped(targets)
-            self._device.write(self.told_us, self.powered)
+            self.sent_us = self._stepped(targets)
+            self._device.write(self.sent_us, self.powered)
         elif self.on:
             self._power_next_leg()
-            self._device.write(self.told_us, self.powered)
+            self._device.write(self.sent_us, self.powered)
         else:
-            self.told_us = self._stepped(targets)
+            self.sent_us = self._stepped(targets)
             self._power_next_leg()
-            self._device.begin(self.told_us, self.powered)
+            self._device.begin(self.sent_us, self.powered)
         self._counters.writes += 1
-        return np.where(self.powered, self.told_us, np.nan)
+        return np.where(self.powered, self.sent_us, np.nan)
 
     def _power_next_leg(self) -> None:
         now_s, waiting = self._time.now(), np.flatnonzero(~self.powered)
@@ -120,7 +120,7 @@ class BoardThread(PortThread[PwmBoard]):
     def _meet(self) -> None:
         self._sent = self._device.commanded_us()
         self.powered = np.isfinite(self._sent)
-        self.told_us = np.where(self.powered, self._sent, self.told_us)
+        self.sent_us = np.where(self.powered, self._sent, self.sent_us)
 
     def _let_go(self) -> None:
         self._device.end()
@@ -179,9 +179,9 @@ class PwmServos(PortServos[PwmMap, BoardThread, PortCounters]):
         return BoardThread(self._open, board, report, self.counters, self._speeds, pulses, time=time)
 
     def _state(self, thread: BoardThread) -> RobotState:
-        told_us, report = thread.told_us, thread.newest
-        told = np.isfinite(told_us)
-        told_rad = self._map.angles_rad(np.where(told, told_us, self._map.centre))
+        sent_us, report = thread.sent_us, thread.newest
+        told = np.isfinite(sent_us)
+        told_rad = self._map.angles_rad(np.where(told, sent_us, self._map.centre))
         fault = self._fault(thread.gone, report)
         silent_s = max(0.0, self._clock.time.now() - report.at_s)
         age_s = silent_s if thread.gone is not None or silent_s > MUTE_S else 0.0

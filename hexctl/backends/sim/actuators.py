@@ -61,8 +61,8 @@ class ActuatorModel:
     @classmethod
     def at_rest(cls, simulation: Simulation, stance_rad: FloatArray, jammed_at_rad: FloatArray) -> Self:
         """The model of a robot that stands in its stance; `jammed_at_rad`, (18,), is for jammed joints."""
-        held_rad = np.where(simulation.failed.jammed, jammed_at_rad, math.nan)
-        return cls(simulation, stance_rad, stance_rad + simulation.joint_offsets_rad, held_rad)
+        jammed_rad = np.where(simulation.failed.jammed, jammed_at_rad, math.nan)
+        return cls(simulation, stance_rad, stance_rad + simulation.joint_offsets_rad, jammed_rad)
 
     def copies(self, n: int) -> "ActuatorModel":
         """Model of n robots in this state, for targets (n, 18)."""
@@ -88,8 +88,8 @@ class ActuatorModel:
 
     def hold(self, waiting_rad: FloatArray) -> None:
         """Replace waiting commands of jammed joints: a jam is no command and comes without delay."""
-        held_rad = self._jammed_at_rad[..., np.newaxis]
-        np.copyto(waiting_rad, held_rad, where=~np.isnan(held_rad))
+        jammed_rad = self._jammed_at_rad[..., np.newaxis]
+        np.copyto(waiting_rad, jammed_rad, where=~np.isnan(jammed_rad))
 
     def drive(self, joint_positions_rad: FloatArray, lost: bool = False) -> FloatArray:
         """Actuator commands of one tick for joint targets, (18,) or (n, 18), which may be lost."""

@@ -81,10 +81,10 @@ class FaultyPose:
         faults = self._faults
         if faults.yaw_drift_deg_per_min:
             quaternion = turned(quaternion, math.radians(faults.yaw_drift_deg_per_min) * stamp_s / 60)
-        if _holding(faults.position_jump_s, stamp_s):
+        if _in_force(faults.position_jump_s, stamp_s):
             position = position + np.array(faults.position_jump_m)
         # Each current interval has the pose of its beginning.
-        now = _holding(faults.pose_frozen_s, stamp_s)
+        now = _in_force(faults.pose_frozen_s, stamp_s)
         self._frozen = {interval: self._frozen.get(interval, (position, quaternion)) for interval in now}
         if not now:
             return position, quaternion
@@ -92,7 +92,7 @@ class FaultyPose:
         return np.broadcast_to(first, position.shape), np.broadcast_to(second, quaternion.shape)
 
 
-def _holding(intervals: Sequence[tuple[float, float]], time_s: float) -> list[tuple[float, float]]:
+def _in_force(intervals: Sequence[tuple[float, float]], time_s: float) -> list[tuple[float, float]]:
     return [(first_s, last_s) for first_s, last_s in intervals if first_s <= time_s < last_s]
 
 

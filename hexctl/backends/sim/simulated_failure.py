@@ -24,7 +24,7 @@ JAM_STIFFNESS = 20.0
 MISSING_MASS_SHARE = 1e-4
 
 #: A depth of contact that no foot reaches.
-NEVER_M = 1e3
+OUT_OF_REACH_M = 1e3
 
 #: What a failure changes in MuJoCo's model.
 _CHANGED = (
@@ -125,7 +125,7 @@ class FailedLegs:
         model, (geoms, pairs, bodies) = self._model, self._parts[leg]
         model.geom_conaffinity[geoms] = 0
         # Nothing is as deep in the floor as this margin asks for.
-        model.pair_margin[pairs] = -NEVER_M
+        model.pair_margin[pairs] = -OUT_OF_REACH_M
         model.body_mass[bodies] *= MISSING_MASS_SHARE
         model.body_inertia[bodies] *= MISSING_MASS_SHARE
 
@@ -160,7 +160,7 @@ class FailuresToCome:
         return due
 
 
-def held_rad(failed: FailedLegs, qpos: FloatArray, ctrl: FloatArray) -> FloatArray:
+def jam_angles_rad(failed: FailedLegs, qpos: FloatArray, ctrl: FloatArray) -> FloatArray:
     """Angles of joints that jam now, leading shape + (18,).
 
     Stuck joints keep those in `qpos`, leading shape + (25,), locked ones their last commands, leading shape +

@@ -25,7 +25,7 @@ from hexctl.robot.servos.drivers import SERVO_ID
 if TYPE_CHECKING:
     from hexctl.backends.bus.bus_map import BusMap
     from hexctl.backends.bus.damage import Damage
-    from hexctl.backends.bus.servo import FoundServo
+    from hexctl.backends.bus.servo import ScannedServo
 
 servos = Commands()
 
@@ -66,7 +66,7 @@ def scan(options: dict[str, Any], as_json: JsonOption = False) -> None:
     raise typer.Exit(DONE if found and not damages else FAULT)
 
 
-def _note_models(bus: BusAddress, found: "Sequence[FoundServo]") -> None:
+def _note_models(bus: BusAddress, found: "Sequence[ScannedServo]") -> None:
     """Note servos without a model; raises InputError if none has one with this driver, but with another."""
     from hexctl.backends.bus.tools import check_family
 
@@ -80,7 +80,7 @@ def _note_models(bus: BusAddress, found: "Sequence[FoundServo]") -> None:
         print_note(f"{len(unknown)} servos are of an unknown model: is {bus.driver} the right driver?")
 
 
-def _note_firmware(found: "Sequence[FoundServo]") -> None:
+def _note_firmware(found: "Sequence[ScannedServo]") -> None:
     """Note firmware and type of servos that report them, one line for each kind."""
     kinds: dict[str, list[str]] = {}
     for each in found:
@@ -91,7 +91,7 @@ def _note_firmware(found: "Sequence[FoundServo]") -> None:
         print_note(f"{words}: " + ("all" if len(ids) == len(found) > 1 else f"id {', '.join(ids)}"))
 
 
-def _print_scan(found: "Sequence[FoundServo]", servo_map: "BusMap | None", *, as_json: bool) -> None:
+def _print_scan(found: "Sequence[ScannedServo]", servo_map: "BusMap | None", *, as_json: bool) -> None:
     from hexctl.backends.bus.tools import id_differences, joint_of
     from hexctl.cli.render.tables import row_table, with_units
 

@@ -69,7 +69,7 @@ def place_of(arguments: Sequence[str]) -> dict[str, Any] | None:
         connect = None if setting is None else setting.value
     if keys is None:
         setting = _setting(settings, "keys", common=str(connect).startswith(("tls/", "quic/")))
-        keys = None if setting is None else setting.placed(setting.value)
+        keys = None if setting is None else setting.path_of(setting.value)
     credentials = None if keys is None else Path(keys)
     return {"connect": connect, "credentials": credentials, "insecure": "insecure" in typed}
 

@@ -229,9 +229,9 @@ def _unmeasured_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _hold_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     """The hold of a walk and its disturbances; empty for a robot that never set out."""
-    from hexctl.recording.trial_summary import held_in_words
+    from hexctl.recording.trial_summary import hold_in_words
 
-    return [("held", held_in_words(outcome))] if outcome["duration_s"] else []
+    return [("held", hold_in_words(outcome))] if outcome["duration_s"] else []
 
 
 def _cost(outcome: dict[str, Any]) -> list[tuple[str, str]]:

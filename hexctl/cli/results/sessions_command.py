@@ -74,13 +74,13 @@ def show(
     raise typer.Exit(left_out.code())
 
 
-def _pareto(session: "Session", wanted: str, *, as_json: bool) -> list[Any]:
+def _pareto(session: "Session", names_text: str, *, as_json: bool) -> list[Any]:
     from hexctl.adapt.objectives import OBJECTIVES, make_objective
     from hexctl.cli.render.session_tables import pareto_parts
 
-    names = list(dict.fromkeys(listed(wanted)))
+    names = list(dict.fromkeys(listed(names_text)))
     if len(names) < 2:
-        raise InputError(f"--pareto: got {wanted!r}; allowed: two or more of {', '.join(OBJECTIVES)}")
+        raise InputError(f"--pareto: got {names_text!r}; allowed: two or more of {', '.join(OBJECTIVES)}")
     objectives = [make_objective(name) for name in names]
     if not as_json:
         return pareto_parts(session, objectives)

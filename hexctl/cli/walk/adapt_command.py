@@ -32,7 +32,7 @@ from hexctl.cli.shared_options import (
     chosen_recovery,
 )
 from hexctl.cli.signature import with_options
-from hexctl.cli.walk.diagnose_command import found_failure
+from hexctl.cli.walk.diagnose_command import diagnose_first
 from hexctl.errors import HexctlError, InputError, argument
 from hexctl.robot.failure_grammar import AUTO_LEG, read_failures_before
 
@@ -129,7 +129,7 @@ def _diagnosed(search: Mapping[str, Any]) -> "Failure":
 
     where = {field.name: search[field.name] for field in fields(RobotOptions)}
     broken = read_failures_before(search["failure"], None, BEFORE_SEARCH)
-    found = found_failure(RunSpec(**where | {"failed_leg": None, "failure": broken}))
+    found = diagnose_first(RunSpec(**where | {"failed_leg": None, "failure": broken}))
     if found.failure is None:
         raise InputError("--failed-leg: got auto, and no leg has failed; allowed: 1..6")
     return found.failure

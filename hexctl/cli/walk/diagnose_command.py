@@ -63,7 +63,7 @@ def diagnosed(spec: "RunSpec") -> "tuple[DiagnosisResult, int]":
         return done, INTERRUPTED if interrupt.requested() else code_of(done.trial)
 
 
-def found_failure(spec: "RunSpec") -> "Found":
+def diagnose_first(spec: "RunSpec") -> "FirstDiagnosis":
     """Diagnosis before a walk for `--failed-leg auto`, reported on stderr.
 
     The failures of the spec are simulated, and unknown to the diagnosis. Raises InputError if it found
@@ -88,10 +88,10 @@ def found_failure(spec: "RunSpec") -> "Found":
             f"--failed-leg: got auto, which is {done.diagnosis.verdict}; allowed: one failed leg, or "
             f"hexctl run --failed-leg {','.join(str(one.leg) for one in failures)}"
         )
-    return Found(failures[0] if failures else None, spec.failures, done)
+    return FirstDiagnosis(failures[0] if failures else None, spec.failures, done)
 
 
-class Found(NamedTuple):
+class FirstDiagnosis(NamedTuple):
     """Result of a diagnosis before a walk; `broken` is what the simulation breaks."""
 
     failure: "Failure | None"

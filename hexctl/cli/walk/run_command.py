@@ -33,7 +33,7 @@ from hexctl.cli.shared_options import (
 )
 from hexctl.cli.signature import with_options
 from hexctl.cli.walk.connected_run import check_commanded, clear_command, connected
-from hexctl.cli.walk.diagnose_command import Found, found_failure
+from hexctl.cli.walk.diagnose_command import FirstDiagnosis, diagnose_first
 from hexctl.control.walks.turning import SMALL_TURN_RAD, turn_needed_rad
 from hexctl.errors import InputError, LimitError, ReachError, RecordingError
 from hexctl.recording.live import LiveView, open_window
@@ -89,7 +89,7 @@ def run(
         if spec.failed_leg == AUTO_LEG:
             spec.check()
             progress.pause()
-            found = found_failure(spec)
+            found = diagnose_first(spec)
             spec = found.walk_spec(spec)
         raise typer.Exit(
             _walk(_with_best(spec), progress, view=view, as_json=as_json, found=found, fence=fence)
@@ -123,7 +123,7 @@ def _walk(
     *,
     view: bool,
     as_json: bool,
-    found: Found | None,
+    found: FirstDiagnosis | None,
     fence: "ShouldStop | None",
 ) -> int:
     from hexctl.cli.render.run_output import summary

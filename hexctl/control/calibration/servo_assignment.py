@@ -8,7 +8,7 @@ from pathlib import Path
 
 import yaml
 
-from hexctl.backends.bus.servo import FoundServo
+from hexctl.backends.bus.servo import ScannedServo
 from hexctl.backends.bus.tools import opened_line, the_servo
 from hexctl.control.calibration.operator import EndedError, Operator, ask
 from hexctl.control.calibration.servo_trial import WIGGLE_DEG, wiggle
@@ -78,7 +78,7 @@ class ServoAssignment:
         if self.draft.is_file():
             self._take_over(self.draft)
 
-    def know(self, joint: str, servo: FoundServo) -> None:
+    def know(self, joint: str, servo: ScannedServo) -> None:
         """Record the servo that moves a joint, and save the draft."""
         self.ids[joint], self.models[joint] = servo.servo_id, servo.model or self.model
         if self.draft is not None:

@@ -62,7 +62,7 @@ class ServoTrial:
 
 
 @contextmanager
-def held(servo: Servo) -> Iterator[float]:
+def softly_powered(servo: Servo) -> Iterator[float]:
     """Hold a servo softly at a count, which is yielded, and restore its torque; raises RobotFaultError."""
     name = f"the servo with id {servo.servo_id}"
     if refusal := servo.settings().refusal:
@@ -102,7 +102,7 @@ def _within_limits(servo: Servo, here: float) -> float:
 
 def wiggle(servo: Servo, *, clock: Clock | None = None) -> float:
     """Move a servo to one side and back; the movement in degrees. Raises RobotFaultError."""
-    with held(servo) as start:
+    with softly_powered(servo) as start:
         sweep = _Sweep(servo, clock or WallClock())
         end = _ends(servo, start, WIGGLE_DEG)[0]
         sweep.move(start, end, WIGGLE_DEG_S)
@@ -115,7 +115,7 @@ def wiggle(servo: Servo, *, clock: Clock | None = None) -> float:
 def try_servo(servo: Servo, *, clock: Clock | None = None) -> ServoTrial:
     """Move a servo to both sides and back, and measure its response; raises RobotFaultError."""
     before = servo.look()
-    with held(servo) as start:
+    with softly_powered(servo) as start:
         sweep = _Sweep(servo, clock or WallClock())
         ends = _ends(servo, start, TEST_DEG)
         errors: list[float] = []

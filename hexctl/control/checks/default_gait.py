@@ -20,7 +20,7 @@ from hexctl.robot.servos.servo_map import default_servo_map
 SHARES, STANCES = (1.0, 0.85, 0.7, 0.55, 0.45, 0.35, 0.25, 0.18, 0.12), 80
 
 #: A foot of a soft robot keeps this share of a step, if a higher one is in reach: multiples of the usual one.
-WANTED_LIFT, STEPS = 0.7, (1.5, 2.0)
+TARGET_LIFT, STEPS = 0.7, (1.5, 2.0)
 
 #: Points of a cycle and headings of the first look at a gait.
 POINTS, LOOK_RAD = 40, HEADINGS_RAD[::3]
@@ -88,7 +88,7 @@ def _judged(imported: ImportedRobot) -> tuple[ImportedRobot, Verdict]:
     if not check.demand.possible:
         return imported, Verdict((OUT_OF_REACH,))
     max_pace_hz = check.demand.max_pace_hz
-    if not check.demand.speed_holds and max_pace_hz is not None:
+    if not check.demand.speed_reached and max_pace_hz is not None:
         pace_hz = math.floor(100 * PACE_SHARE * max_pace_hz) / 100
         if pace_hz < LEAST_PACE_HZ:
             return imported, Verdict((f"its joints keep a pace of {max_pace_hz:.2g} Hz at most",))
@@ -102,7 +102,7 @@ def _lifted(imported: ImportedRobot, check: RobotCheck) -> tuple[ImportedRobot, 
     """The robot with a higher step, if it sags by much of it, and its check; a gait of the file stays."""
     height, made = imported.content["gait"]["height"], imported
     for times in () if imported.own_gait else STEPS:
-        if check.load.lift_left >= WANTED_LIFT:
+        if check.load.lift_left >= TARGET_LIFT:
             break
         higher = imported.with_gait_values(height=times * height)
         if not _reaches(higher) or not _as_good(higher_check := _check(higher), check):
@@ -115,7 +115,7 @@ def _as_good(check: RobotCheck, other: RobotCheck) -> bool:
     """Whether a check is possible, at its pace, with no more obstacles and doubts than another one."""
     verdict, least = check.verdict, other.verdict
     worse = len(verdict.obstacles) > len(least.obstacles) or verdict.doubtful > least.doubtful
-    return check.demand.possible and check.demand.speed_holds and not worse
+    return check.demand.possible and check.demand.speed_reached and not worse
 
 
 def _check(imported: ImportedRobot) -> RobotCheck:

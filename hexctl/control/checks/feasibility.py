@@ -57,7 +57,7 @@ class GaitDemand(ArrayFields):
         return not (self.unreachable_legs or self.limits_exceeded)
 
     @property
-    def speed_holds(self) -> bool:
+    def speed_reached(self) -> bool:
         """Whether no joint exceeds its speed limit at the gait's own pace."""
         return self.speed_share >= 1
 
@@ -163,7 +163,7 @@ class RobotCheck:
             "gait": {"slots": list(gait.slots), "code": gait.code(), "pace_hz": gait.pace_hz},
             "ideal_speed_m_s": round(ideal_speed_m_s(robot, gait, Motion()), 4),
             "max_pace_hz": None if demand.max_pace_hz is None else round(demand.max_pace_hz, 3),
-            "speed_holds": demand.speed_holds,
+            "speed_holds": demand.speed_reached,
             "unreachable_legs": list(demand.unreachable_legs),
             "joints_out_of_range": [JOINT_NAMES[joint] for joint in demand.limits_exceeded],
             "least_foot_spacing_m": round(demand.least_foot_spacing_m, 4),

@@ -303,7 +303,7 @@ def _gaps(evidence: Evidence) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def told_by_operator(diagnosis: Diagnosis, moved: Mapping[int, bool]) -> Diagnosis:
+def reported_by_operator(diagnosis: Diagnosis, moved: Mapping[int, bool]) -> Diagnosis:
     """The diagnosis with the operator's observation whether each leg lifted, swung and stood again."""
     findings = tuple(
         replace(

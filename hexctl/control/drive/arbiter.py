@@ -98,7 +98,7 @@ class VelocitySource:
         self.forgets += 1
         self._said = None
 
-    def wanted(self, now_s: float) -> Velocity | None:
+    def desired(self, now_s: float) -> Velocity | None:
         """The velocity asked for at a time; None if the command has expired, and before the first."""
         said = self._said
         if said is None:
@@ -180,7 +180,7 @@ class Arbiter:
     def _followed(self) -> Decision:
         now_s = self._now_s()
         for name in reversed(SOURCES):
-            velocity = self._sources[name].wanted(now_s)
+            velocity = self._sources[name].desired(now_s)
             if velocity is not None:
                 return Decision(velocity, name)
         return Decision()

@@ -312,7 +312,7 @@ class Drive:
     @property
     def failures(self) -> tuple[Failure, ...]:
         """Given and detected failures of legs."""
-        return self._connected.believed_failures()
+        return self._connected.known_failures()
 
     @property
     def noticed(self) -> tuple[NoticedFailure, ...]:
@@ -391,7 +391,7 @@ class _EventNotes(TickObserver):
         self._drive, self._recorders = drive, recorders
         self._told: dict[str, str] = {}
 
-    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
+    def record(self, tick: Tick, state: RobotState, requested_rad: FloatArray, sent: JointTargets) -> None:
         drive, recorders = self._drive, self._recorders
         if recorders.log.frame is None and drive.mode == "driving":
             recorders.begin_phase("walk", _frame_of(state))

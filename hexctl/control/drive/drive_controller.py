@@ -68,7 +68,7 @@ class DriveController(Controller):
         self.decision = Decision()
         self._limits = VelocityLimits.of(robot, gait)
         self._temperatures, self._pace, self._warm_said = Temperatures(), 1.0, False
-        self._step = self._began = self._held_step = self._frozen_steps = 0
+        self._step = self._began = self._updated_step = self._frozen_steps = 0
         self.mode = MODES[0]
         self._sent_rad = start_rad
         self._be("standing up", Stand(robot, start_rad, self._moving_steps))
@@ -92,7 +92,7 @@ class DriveController(Controller):
     @property
     def most(self) -> tuple[float, float, float]:
         """Maximum speeds forward and left in m/s and turn in rad/s, each by itself, on the intact legs."""
-        rows = [one.leg for one in self.believed_failures()] or [0]
+        rows = [one.leg for one in self.known_failures()] or [0]
         speeds = self._limits.speeds_m_s[rows].min(axis=0)
         turn_rad_s = float(self._limits.turn_rates_rad_s[rows].min())
         share = float(self.walk.poser.stroke_share)
@@ -122,9 +122,9 @@ class DriveController(Controller):
         stands = self.mode == "driving" and self.walk.at_rest and self._asked_pose is None
         return self.mode == "sitting" or stands or self.decision.freezes
 
-    def believed_failures(self, index: int = 0) -> tuple[Failure, ...]:
+    def known_failures(self, index: int = 0) -> tuple[Failure, ...]:
         """Given and detected failures, by leg."""
-        return self._monitored.believed_failures(index)
+        return self._monitored.known_failures(index)
 
     @property
     def limited_steps(self) -> NDArray[np.int64] | int:  # type: ignore[override]  # of the walk
@@ -155,7 +155,7 @@ class DriveController(Controller):
         self._monitored.walk_on()
         if self.mode in ("sitting", "sitting down"):
             self._be("standing up", Stand(self._robot, self._sent_rad, self._moving_steps))
-            self._known = self.believed_failures()
+            self._known = self.known_failures()
             self._new_walk()
         elif self.mode == "driving":
             self.walk.go_home()
@@ -218,19 +218,19 @@ class DriveController(Controller):
             self._news = (*self._news, f"body pose: the legs reach {self.pose_share:.0%} of it")
 
     def _corrected(self, step: int, state: RobotState) -> FloatArray:
-        wanted = self._wanted()
-        dt_s = (step - self._held_step) * self._period_s
-        self._held_step = step
+        desired = self._desired()
+        dt_s = (step - self._updated_step) * self._period_s
+        self._updated_step = step
         if self._hold is None:
-            return wanted
+            return desired
         yaw_rad = float(self.walk.poser.poses[2])
         most = np.array(self.most)
-        return self._hold.update(dt_s, state, wanted, self.walk.velocity_body, most, body_yaw_rad=yaw_rad)
+        return self._hold.update(dt_s, state, desired, self.walk.velocity_body, most, body_yaw_rad=yaw_rad)
 
-    def _wanted(self) -> FloatArray:
+    def _desired(self) -> FloatArray:
         if self._sit_asked or self.decision.stopped is not None:
             return np.zeros(3)
-        legs = [one.leg for one in self.believed_failures()]
+        legs = [one.leg for one in self.known_failures()]
         share = self.walk.poser.stroke_share
         return self._pace * share * self._limits.limited(self.decision.velocity.array / share, legs)
 

@@ -35,19 +35,19 @@ FASTEST_SWING = 1.25
 AT_HOME = 0.02
 
 #: The commanded velocity: forward and left in m/s, turn in rad/s, (3,).
-Wanted = Callable[[], FloatArray]
+VelocityCommand = Callable[[], FloatArray]
 
 
 class DriveWalk(VelocityWalk):
-    """Walks with the velocity that `wanted` returns, stands while it is 0; foot offsets are (6, 2) in m."""
+    """Walks with the velocity that `desired` returns, stands while it is 0; foot offsets are (6, 2) in m."""
 
-    def __init__(self, start: WalkStart, wanted: Wanted) -> None:
+    def __init__(self, start: WalkStart, desired: VelocityCommand) -> None:
         check_type(start, WalkStart, "start", "a WalkStart")
         if start.batch_shape:
             raise InputError(f"drive: got a batch of {len(start.plans)} robots; allowed: one robot")
         super().__init__(start)
         self.leave_plain()
-        self._wanted = wanted
+        self._desired = desired
         self.offsets_m: FloatArray = np.zeros_like(self._turning_m)
         self._lifted = 0.0
         self._phases_then = self._u()
@@ -89,13 +89,13 @@ class DriveWalk(VelocityWalk):
         """Joint angles at this step, (18,)."""
         dt_s = (step - self._last_step) * self._period_s
         self._last_step = step
-        wanted = np.asarray(self._wanted(), dtype=float)
-        self._going_home = self._going_home and not wanted.any()
-        stepping = self._going_home or bool(wanted.any())
+        desired = np.asarray(self._desired(), dtype=float)
+        self._going_home = self._going_home and not desired.any()
+        stepping = self._going_home or bool(desired.any())
         if dt_s > 0:
             self.poser.update(dt_s, state, self._pattern)
-            self._accelerate(dt_s, wanted, stepping)
-            self._advance(step, dt_s, wanted, stepping)
+            self._accelerate(dt_s, desired, stepping)
+            self._advance(step, dt_s, desired, stepping)
         feet = self.poser.feet(self._feet())
         self._meet_ground(dt_s, self._u(), feet, self._lifted, state)
         return joints_of_feet(self._robot, feet, self._held)
@@ -127,13 +127,13 @@ class DriveWalk(VelocityWalk):
         """Velocities of stance feet in the body frame, (6, 2) in m/s."""
         return np.asarray(velocity[2] * self._turning_m - velocity[:2])
 
-    def _accelerate(self, dt_s: float, wanted: FloatArray, stepping: bool) -> None:
+    def _accelerate(self, dt_s: float, desired: FloatArray, stepping: bool) -> None:
         lifted = self._lifted + (dt_s / LIFT_S if stepping else -dt_s / HALT_S)
         self._lifted = float(np.clip(lifted, 0.0, 1.0))
         full_m_s = self._most_change * FULL_SPEED_S
-        change = wanted - self.velocity_body
+        change = desired - self.velocity_body
         size_m_s = float(np.linalg.norm(change * (1.0, 1.0, self._robot.stance_radius_m)))
-        most_m_s = float(full_m_s) * OVERDRIVE * dt_s / (FULL_SPEED_S if wanted.any() else HALT_S)
+        most_m_s = float(full_m_s) * OVERDRIVE * dt_s / (FULL_SPEED_S if desired.any() else HALT_S)
         if size_m_s > most_m_s:
             change = change * (most_m_s / size_m_s)
         velocity = self.velocity_body + change
@@ -159,7 +159,7 @@ class DriveWalk(VelocityWalk):
         shares = (root - b)[moving] / a[moving]
         return float(np.clip(shares.min(initial=1.0) + 1e-9, 0.0, 1.0))
 
-    def _advance(self, step: int, dt_s: float, wanted: FloatArray, stepping: bool) -> None:
+    def _advance(self, step: int, dt_s: float, desired: FloatArray, stepping: bool) -> None:
         cycles = dt_s * float(self._pattern.pace_hz) * self._lifted
         self._cycles = self._cycles + cycles
         # A posture also changes while the robot stands.
@@ -176,7 +176,7 @@ class DriveWalk(VelocityWalk):
         in_air_s = np.where((before > 0) & (before < 1) & (gone == 0), dt_s, np.minimum(in_air_s, dt_s))
         floor_m = self._over_floor(self.velocity_body) * (dt_s - in_air_s)[:, np.newaxis]
         standing_s = (1 - (ends - begins)) / float(self._pattern.pace_hz)
-        landing_m = -self._over_floor(wanted) * standing_s / 2
+        landing_m = -self._over_floor(desired) * standing_s / 2
         left = 1 - before
         share = np.where(left > 0, (after - before) / np.maximum(left, 1e-12), 0.0)[:, np.newaxis]
         landed = (after >= 1)[:, np.newaxis]

@@ -49,7 +49,7 @@ class VelocityHold:
         self,
         dt_s: float,
         state: RobotState,
-        wanted: FloatArray,
+        desired: FloatArray,
         commanded: FloatArray,
         most: FloatArray,
         *,
@@ -57,17 +57,17 @@ class VelocityHold:
     ) -> FloatArray:
         """Velocity to command, (3,): forward and left in m/s, turn in rad/s, as are all velocities here.
 
-        `commanded` is what the legs walk now, `most` the maximum; a `wanted` of 0 resets the reference.
+        `commanded` is what the legs walk now, `most` the maximum; a `desired` of 0 resets the reference.
         `body_yaw_rad` is that of the body over the feet, which carry the frame of the velocities.
         """
         yaw, position = self._measured(dt_s, state)
         yaw = None if yaw is None else yaw - body_yaw_rad
-        if not wanted.any() or yaw is None:
+        if not desired.any() or yaw is None:
             self.forget()
             self._yaw_rad, self._position = yaw, position
-            return wanted
+            return desired
         # The squares of very large commands overflow.
-        bounded = np.clip(wanted, -MOST_SHARE * most, MOST_SHARE * most)
+        bounded = np.clip(desired, -MOST_SHARE * most, MOST_SHARE * most)
         going = bounded * _share(bounded, commanded - self.correction, most)
         self._turn(dt_s, yaw, float(going[2]))
         self._travel(dt_s, position, yaw, going[:2])
@@ -77,7 +77,7 @@ class VelocityHold:
         self._smooth = self._smooth + min(1.0, dt_s / MEAN_S) * (deviation - self._smooth)
         bound = MOST * most
         self.correction = np.clip(self._smooth / TIME_S, -bound, bound)
-        return np.asarray(wanted + self.correction)
+        return np.asarray(desired + self.correction)
 
     def _measured(self, dt_s: float, state: RobotState) -> tuple[float | None, FloatArray | None]:
         quaternion, position = state.base_quaternion_world, state.base_position_world
@@ -112,9 +112,9 @@ class VelocityHold:
         self._ahead_m = self._ahead_m + going * dt_s - (position - before)
 
 
-def _share(wanted: FloatArray, commanded: FloatArray, most: FloatArray) -> float:
+def _share(desired: FloatArray, commanded: FloatArray, most: FloatArray) -> float:
     """Share of the wanted velocity that the legs walk now, 0 to 1."""
     scale = np.maximum(most, 1e-9)
-    asked, now = wanted / scale, commanded / scale
+    asked, now = desired / scale, commanded / scale
     squared = float(asked @ asked)
     return float(np.clip(asked @ now / squared, 0.0, 1.0)) if squared > 0 else 0.0

@@ -70,7 +70,7 @@ KNOWN_TO = 0.25
 LEAST_FIT = 0.4
 
 #: Cycles for which a joint must be weak.
-HELD_CYCLES = 0.6
+WEAK_CYCLES = 0.6
 
 #: Least share that is measured.
 LEAST_SHARE = 0.01
@@ -114,7 +114,7 @@ class JointStiffness:
         kind = [np.roll(places, legs, axis=-2).reshape(joints) for legs in range(N_LEGS)]
         self._kind = np.stack(kind)  # the same joint of all legs, of the own leg first
         self._blocks, self._rows_first = 0, (len(joints), len(joints) + 1, *range(len(joints)))
-        self._held: FloatArray = np.zeros(joints)
+        self._weak_for: FloatArray = np.zeros(joints)
         self.weak, self.new = self._none, self._none
         self.share: FloatArray = np.ones(joints)
         self.error: FloatArray = np.zeros(joints)
@@ -276,7 +276,7 @@ class JointStiffness:
         self._doubted = (self._doubted + self._cycles) * doubtful
         self._teaches = ~doubtful | (self._doubted >= DOUBTED_CYCLES)
         if not (np.count_nonzero(doubtful) or np.count_nonzero(self._from_start)):
-            self._held = self._no_cycles
+            self._weak_for = self._no_cycles
             return
         error2 = self._error2 + OF_USUAL_CHANGE * self._changes
         error2 += self._variance / (self._spread * 2 * PRESENT_CYCLES * SAMPLES_PER_CYCLE)
@@ -284,8 +284,8 @@ class JointStiffness:
         weak = doubtful & self._fits & (self.share < np.minimum(WEAK_SHARE, STANDS_OUT * others))
         weak &= change > SIGMAS * np.sqrt(error2)
         self.share = np.where(self._from_start & ~weak, self._share_of_others, self.share)
-        self._held = (self._held + self._cycles) * (weak | self._from_start)
-        self.new = (self._held >= HELD_CYCLES) & ~self.weak
+        self._weak_for = (self._weak_for + self._cycles) * (weak | self._from_start)
+        self.new = (self._weak_for >= WEAK_CYCLES) & ~self.weak
         self.weak = self.weak | self.new
         self._known = known & ~self.weak
         self._from_start = self._from_start & ~self.weak

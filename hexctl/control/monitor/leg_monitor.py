@@ -111,7 +111,7 @@ class LegMonitor:
     Robots of a batch are simulated: all of them measure torques, or none. Legs have the leading shape + (6,).
 
     Args:
-        believed: known failed legs; they are not watched.
+        known: known failed legs; they are not watched.
         patterns_of: as `BodyBalance` has it; None leaves the balance out.
         uneven: whether the ground may block legs: alarms need a cycle, and joints are not checked for
             weakness.
@@ -129,7 +129,7 @@ class LegMonitor:
         shape: tuple[int, ...],
         period_s: float,
         pace_hz: FloatArray,
-        believed: BoolArray | None = None,
+        known: BoolArray | None = None,
         patterns_of: Callable[[int, str], FloatArray] | None = None,
         *,
         uneven: bool = False,
@@ -170,7 +170,7 @@ class LegMonitor:
         self._cycles, self._motion = cycles, RecentMotion(shape, cycles)
         self._stiffness = JointStiffness(shape, robot.joint_max_torque_nm)
         self._all_heard, self.weakened = True, False
-        self.failed: BoolArray = np.zeros(legs, dtype=bool) if believed is None else believed.copy()
+        self.failed: BoolArray = np.zeros(legs, dtype=bool) if known is None else known.copy()
         self._watched = np.where(self.failed, 0.0, 1.0)
         none: BoolArray = np.zeros(legs, dtype=bool)
         self._support.forget(none[..., :1], none, ~self.failed)

@@ -24,7 +24,7 @@ from hexctl.control.monitor.recovery import (
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial import planned_walk
 from hexctl.control.walks.steered_walk import SteeredWalk
-from hexctl.control.walks.steering import held
+from hexctl.control.walks.steering import possible_hold
 from hexctl.control.walks.velocity_walk import MotionWalk, VelocityWalk
 from hexctl.errors import check_type
 from hexctl.gait.gait import Gait, ideal_speed_m_s
@@ -120,7 +120,7 @@ class MonitoredWalk(Controller):
         """Evidence against each leg, an alarm at 1, leading shape + (6,); None in the soft stop."""
         return None if self._stopping else self._monitor.ratio
 
-    def believed_failures(self, index: int = 0) -> tuple[Failure, ...]:
+    def known_failures(self, index: int = 0) -> tuple[Failure, ...]:
         """Failures given by the plan and detected, by leg."""
         return tuple(sorted(self._failures[index], key=lambda one: one.leg))
 
@@ -442,7 +442,7 @@ def recovering_walk(recovery: Recovery | None = None) -> Callable[[WalkStart], M
     decides = GlideToStableGait() if recovery is None else recovery
 
     def make(start: WalkStart) -> MonitoredWalk:
-        hold = held(start.plans[0], start.frame)
+        hold = possible_hold(start.plans[0], start.frame)
         walk = MotionWalk(start) if hold == "none" else SteeredWalk(start, hold=hold)
         walk.leave_plain()  # each walk of a batch may change its gait at its own time
         return MonitoredWalk(start, walk, decides)

@@ -33,7 +33,7 @@ LEAST_GAIN = 0.05
 MOST_HASTE = 1.5
 
 #: Rise of h that is told.
-TOLD_RISE = 0.1
+REPORTED_RISE = 0.1
 
 #: Time constant that smooths the measured position, in cycles.
 MEAN_CYCLES = 0.1
@@ -65,7 +65,7 @@ class PostureTrial:
         #: Shares p / h of the commanded speed; unwalked gaits come first.
         self._shares, self._now, self._slow = [math.inf] * len(gaits), 0, 0
         self.haste, self._goal, self._most_change = 1.0, 1.0, 1.0 / cycle_ticks
-        self._turned_back, self._told = False, 1.0
+        self._turned_back, self._reported = False, 1.0
 
     def update(self, progress_m: float) -> Gait | None:
         """Take the measured progress along the line, NaN if unknown; the gait to glide to now, or None.
@@ -97,11 +97,11 @@ class PostureTrial:
         return self._gaits[self._now]
 
     def rise(self) -> float | None:
-        """The h that the robot goes to, if it is higher than the last one told by `TOLD_RISE`; else None."""
-        self._told = min(self._told, self._goal)
-        if self._goal < self._told + TOLD_RISE:
+        """The h that the robot goes to, if it is `REPORTED_RISE` above the last one reported; else None."""
+        self._reported = min(self._reported, self._goal)
+        if self._goal < self._reported + REPORTED_RISE:
             return None
-        self._told = self._goal
+        self._reported = self._goal
         return self._goal
 
     def _begin_window(self) -> None:

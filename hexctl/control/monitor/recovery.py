@@ -171,10 +171,10 @@ class GlideToStableGait(Recovery):
         gait = gait_without(
             robot, replace(plan.gait, posture=raised), heading_rad=heading_body_rad, legs=lost
         )
-        return _held(robot, plan, heading_body_rad, gait) or _at_speed(plan, gait)
+        return _as_fast(robot, plan, heading_body_rad, gait) or _at_speed(plan, gait)
 
 
-def _held(robot: Robot, plan: TrialPlan, heading_body_rad: float, gait: Gait) -> Gait | None:
+def _as_fast(robot: Robot, plan: TrialPlan, heading_body_rad: float, gait: Gait) -> Gait | None:
     """In a walk faster than the robot's own, the fastest variant of a gait that its servos hold, else None.
 
     It is no faster than the plan. If they hold none, the robot walks it at its own pace.
@@ -183,11 +183,11 @@ def _held(robot: Robot, plan: TrialPlan, heading_body_rad: float, gait: Gait) ->
     if asked.pace_hz * asked.amplitude <= own.pace_hz * own.amplitude:
         return None
     base = replace(gait, amplitude=own.amplitude)
-    held = fast_gaits(robot, base, heading_rad=heading_body_rad, reorder=True)
-    held = held or (replace(base, pace_hz=own.pace_hz),)
+    fast = fast_gaits(robot, base, heading_rad=heading_body_rad, reorder=True)
+    fast = fast or (replace(base, pace_hz=own.pace_hz),)
     speed_hz = asked.strokes_per_cycle * asked.amplitude * asked.pace_hz
-    pace_hz = speed_hz / (held[0].strokes_per_cycle * held[0].amplitude)
-    return replace(held[0], pace_hz=min(held[0].pace_hz, pace_hz))
+    pace_hz = speed_hz / (fast[0].strokes_per_cycle * fast[0].amplitude)
+    return replace(fast[0], pace_hz=min(fast[0].pace_hz, pace_hz))
 
 
 def _at_speed(plan: TrialPlan, gait: Gait) -> Gait:

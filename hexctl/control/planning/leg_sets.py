@@ -69,24 +69,24 @@ def leg_set(
     raised, lost = replace(gait, posture=posture), tuple(sorted(set(legs)))
     worst, crawl = math.inf, False
     for heading_rad in directions_rad:
-        found = gait_without(robot, raised, heading_rad=heading_rad, legs=lost)
-        margin = least_margin_m(robot, found, heading_rad=heading_rad) / robot.stance_radius_m
+        judged = gait_without(robot, raised, heading_rad=heading_rad, legs=lost)
+        margin = least_margin_m(robot, judged, heading_rad=heading_rad) / robot.stance_radius_m
         if margin < worst:
-            worst, crawl = margin, found.phases is not None
+            worst, crawl = margin, judged.phases is not None
     return LegSet(legs=lost, margin=worst, crawl=crawl, verdict=_verdict(len(lost), worst, crawl))
 
 
-def doubt(found: LegSet) -> str | None:
+def doubt(judged: LegSet) -> str | None:
     """Why a robot may not walk without a set of legs, in a sentence; None if it is expected to walk."""
-    if found.verdict in (WALKS, CRAWLS):
+    if judged.verdict in (WALKS, CRAWLS):
         return None
-    without = f"without leg{'s' * (len(found.legs) > 1)} {', '.join(map(str, found.legs))}"
-    if found.verdict == NO_GAIT:
-        return f"{without} no gait keeps the robot up: only {N_LEGS - len(found.legs)} carry, and one swings"
-    beyond = f"beyond {CRAWL_LEAN:g} most fail" if found.crawl else f"only up to {CODE_LEAN:g} was tried"
+    without = f"without leg{'s' * (len(judged.legs) > 1)} {', '.join(map(str, judged.legs))}"
+    if judged.verdict == NO_GAIT:
+        return f"{without} no gait keeps the robot up: only {N_LEGS - len(judged.legs)} carry, and one swings"
+    beyond = f"beyond {CRAWL_LEAN:g} most fail" if judged.crawl else f"only up to {CODE_LEAN:g} was tried"
     return (
         f"whether the robot walks {without} is doubtful: the safest gait leans out of its support by "
-        f"{-found.margin:.2f} of the radius of the stance, and {beyond}; see hexctl check --leg-sets"
+        f"{-judged.margin:.2f} of the radius of the stance, and {beyond}; see hexctl check --leg-sets"
     )
 
 

@@ -56,11 +56,11 @@ def score(
     shown_world = positions_world
     positions_world = _without_frozen(positions_world, np.stack(plane(positions_world), axis=-1), duration_s)
     quaternions_world = _without_frozen(quaternions_world, quaternions_world, duration_s)
-    never_moved = frame is not None and _is_frozen(shown_world, positions_world)
+    motionless = frame is not None and _is_frozen(shown_world, positions_world)
     path, known = _paths(frame, positions_world)
     distance_m = float(known[-1, 0]) if np.isfinite(path[-END_TICKS:, 0]).any() else None
     yaw_change_rad = None if frame is None else _yaw_change_rad(frame.yaw_rad, quaternions_world)
-    if status == "ok" and _lacks_progress(robot, plan, duration_s, distance_m, never_moved=never_moved):
+    if status == "ok" and _lacks_progress(robot, plan, duration_s, distance_m, motionless=motionless):
         status = "no_progress"
     true_path_m = _true_path_m(true_frame, true_positions_world)
     clipped = min(1.0, clipped_ticks / max(1, len(positions_world)))
@@ -110,12 +110,12 @@ def _paths(frame: TrialFrame | None, positions_world: FloatArray) -> tuple[Float
 
 
 def _lacks_progress(
-    robot: Robot, plan: TrialPlan, duration_s: float, distance_m: float | None, *, never_moved: bool
+    robot: Robot, plan: TrialPlan, duration_s: float, distance_m: float | None, *, motionless: bool
 ) -> bool:
     if duration_s < RAMP_DURATION_S or not plan.straight:
         return False
     too_short = distance_m is not None and distance_m < progress_floor_m(robot, plan, duration_s)
-    return too_short or never_moved
+    return too_short or motionless
 
 
 def _cause(
@@ -186,8 +186,8 @@ def filled(rows: FloatArray) -> FloatArray:
 
 
 def _turn_miss_rad(robot: Robot, plan: TrialPlan, turned_rad: float) -> float | None:
-    wanted_rad = turn_needed_rad(robot, plan)
-    return wrapped_rad(turned_rad - wanted_rad) if abs(wanted_rad) > TURN_WITHIN_RAD else None
+    requested_rad = turn_needed_rad(robot, plan)
+    return wrapped_rad(turned_rad - requested_rad) if abs(requested_rad) > TURN_WITHIN_RAD else None
 
 
 def ideal_distance_m(robot: Robot, plan: TrialPlan, duration_s: float) -> float:

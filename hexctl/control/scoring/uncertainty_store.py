@@ -120,8 +120,8 @@ def known_uncertainty(
     for measured_in in (place, _flat_like(place)):
         fitting = [entry for entry in entries if entry.is_for(model, measured_in, duration_s)]
         if fitting:
-            found = max(fitting, key=lambda entry: entry.walks)
-            values = {name: getattr(found, name) for name in SimulationUncertainty.model_fields}
+            uncertainty = max(fitting, key=lambda entry: entry.walks)
+            values = {name: getattr(uncertainty, name) for name in SimulationUncertainty.model_fields}
             return SimulationUncertainty(**values | {"borrowed": measured_in != place})
     return None
 
@@ -131,15 +131,20 @@ def _flat_like(world: World) -> World:
 
 
 def keep_uncertainty(
-    robot: Robot, world: World, found: SimulationUncertainty, *, folder: Path | str = "runs", how: str = ""
+    robot: Robot,
+    world: World,
+    uncertainty: SimulationUncertainty,
+    *,
+    folder: Path | str = "runs",
+    how: str = "",
 ) -> Path:
     """Keep a measurement in the folder of sessions, unless it has a better one; raises InputError."""
     path = Path(folder) / UNCERTAINTIES
     kept = _entries(path)
-    same = [entry for entry in kept if entry.is_for(robot, world, found.duration_s)]
-    if any(entry.walks > found.walks for entry in same):
+    same = [entry for entry in kept if entry.is_for(robot, world, uncertainty.duration_s)]
+    if any(entry.walks > uncertainty.walks for entry in same):
         return path
-    values = {name: value for name, value in found.to_dict().items() if name in _Entry.model_fields}
+    values = {name: value for name, value in uncertainty.to_dict().items() if name in _Entry.model_fields}
     new = _Entry(robot=robot.name, fingerprint=robot.fingerprint, world=world, how=how, **values)
     entries = [entry for entry in kept if entry not in same] + [new]
     content = {"measured": [entry.model_dump(mode="json", exclude_none=True) for entry in entries]}

@@ -77,7 +77,7 @@ class BodyPoser:
         self._posed = False
         self._level_room: FloatArray = np.ones(shape)[()]
         self.stroke_share: FloatArray = np.ones(shape)[()]
-        self._wanted, self.pose_share = LEVEL, 1.0
+        self._desired, self.pose_share = LEVEL, 1.0
         self._units = np.repeat([1.0, robot.stance_radius_m], 3)
         self._speeds = _pose_speeds(robot, self._units)
 
@@ -95,17 +95,17 @@ class BodyPoser:
 
     def move_to(self, pose: BodyPose, pattern: StepPattern) -> None:
         """Move to a pose, scaled down to the legs' reach."""
-        self._wanted, self.pose_share = pose, self.reach(pose, pattern)
+        self._desired, self.pose_share = pose, self.reach(pose, pattern)
         self.goals = np.broadcast_to(self.pose_share * pose.array, self.poses.shape)
 
     def give_up_goal(self) -> None:
         """Let the bodies stay as they are, on the way to the goal."""
-        self.goals, self._wanted = self.commanded, BodyPose.of(self.commanded.reshape(-1, 6)[0])
+        self.goals, self._desired = self.commanded, BodyPose.of(self.commanded.reshape(-1, 6)[0])
 
     def update(self, dt_s: float, state: RobotState, pattern: StepPattern) -> None:
         """Move the bodies, `dt_s` after the last update."""
         moves = not self.at_rest
-        if not (moves or self.level or self._posed or self._wanted != LEVEL):
+        if not (moves or self.level or self._posed or self._desired != LEVEL):
             return
         if moves:
             change = self.goals - self.commanded
@@ -116,7 +116,7 @@ class BodyPoser:
         levels = self.level or bool(self._correction.any())
         if levels:
             self._level(dt_s, state)
-        if not (moves or levels or (pattern is not self._pattern and self._wanted != LEVEL)):
+        if not (moves or levels or (pattern is not self._pattern and self._desired != LEVEL)):
             return
         self.poses = self.commanded + self._level_poses()
         self._measure_room(pattern)
@@ -172,8 +172,8 @@ class BodyPoser:
             self._pattern, moved = pattern, np.ones_like(moved)
             self._free_levelling(moved)
             self._level_room = self._room(np.zeros_like(self.poses), pattern, STROKES)
-            if self._wanted != LEVEL:
-                self.move_to(self._wanted, pattern)  # another gait reaches more or less
+            if self._desired != LEVEL:
+                self.move_to(self._desired, pattern)  # another gait reaches more or less
         if not any_of(moved):
             return
         share = self._share(pattern)

@@ -38,7 +38,7 @@ class SteeredWalk(VelocityWalk):
         """Follow another line from the next step on; the velocity turns as fast as it may change."""
         self._law.follow(course)
 
-    def wanted(self, dt_s: float, step: int, state: RobotState) -> FloatArray:
+    def desired(self, dt_s: float, step: int, state: RobotState) -> FloatArray:
         """Velocity of the steering law, leading shape + (3,)."""
         return self._law.update(dt_s, state)
 

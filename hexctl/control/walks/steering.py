@@ -84,7 +84,7 @@ class Course(ArrayFields):
     yaw_rad: float
 
 
-def held(plan: TrialPlan, frame: TrialFrame | None) -> str:
+def possible_hold(plan: TrialPlan, frame: TrialFrame | None) -> str:
     """What a walk can hold: `line`, only `heading` without a position, `none` in turns and arcs."""
     if plan.hold == "none" or not plan.straight or frame is None:
         return "none"
@@ -98,7 +98,7 @@ def why_less(plan: TrialPlan, frame: TrialFrame | None) -> str | None:
         return None
     if not plan.straight:
         return "a turn and an arc have no line"
-    if held(plan, frame) == "line" or (frame is not None and plan.hold == "heading"):
+    if possible_hold(plan, frame) == "line" or (frame is not None and plan.hold == "heading"):
         return None
     missing = "no position" if frame is not None else "neither position nor yaw"
     return f"{'no yaw' if plan.hold == 'heading' else missing} was measured at rest before the walk"

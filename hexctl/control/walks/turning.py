@@ -61,8 +61,8 @@ def turn_needed_rad(robot: Robot, plan: TrialPlan) -> float:
         return plan.turn_rad
     if len(plan.failures) != 1 or plan.self_rotation == "none":
         return 0.0
-    wanted_rad = plan.heading_rad + (math.pi if plan.self_rotation == "rear" else 0.0)
-    turn_rad = wrapped_rad(wanted_rad - failed_foot_azimuth_rad(robot, plan.failures[0]))
+    requested_rad = plan.heading_rad + (math.pi if plan.self_rotation == "rear" else 0.0)
+    turn_rad = wrapped_rad(requested_rad - failed_foot_azimuth_rad(robot, plan.failures[0]))
     # Half a turn may go either way; rounding must not decide.
     return abs(turn_rad) if abs(turn_rad) > math.pi - 1e-6 else turn_rad
 
@@ -216,16 +216,16 @@ class TurnSteps:
 
     def command_rad(self, missing_rad: float) -> float:
         """The angle to command for a missing one."""
-        share, besides_rad = self._estimate()
-        effective_rad = (missing_rad - besides_rad) / max(LEAST_SHARE, share)
+        share, extra_rad = self._estimate()
+        effective_rad = (missing_rad - extra_rad) / max(LEAST_SHARE, share)
         return float(effective_rad + math.copysign(self._swallowed_rad, effective_rad))
 
     def learn(self, commanded_rad: float, turned_rad: float) -> None:
         """Learn from a step."""
         effective_rad = math.copysign(max(0.0, abs(commanded_rad) - self._swallowed_rad), commanded_rad)
         sign = math.copysign(1.0, commanded_rad)
-        share, besides_rad = self._estimate()
-        expected_rad = share * abs(effective_rad) + sign * besides_rad
+        share, extra_rad = self._estimate()
+        expected_rad = share * abs(effective_rad) + sign * extra_rad
         if self._corrects_swallowed(abs(effective_rad), expected_rad, sign * turned_rad):
             return
         row = np.array([effective_rad, 1.0]) / STEP_NOISE_RAD

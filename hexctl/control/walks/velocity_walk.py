@@ -78,7 +78,7 @@ class VelocityWalk(Controller):
         self._last_step = 0
         self._stop_step: int | None = None
 
-    def wanted(self, dt_s: float, step: int, state: RobotState) -> FloatArray:
+    def desired(self, dt_s: float, step: int, state: RobotState) -> FloatArray:
         """Velocity asked for at a step, `dt_s` after the one before, leading shape + (3,)."""
         if self._command is None:
             return self.velocity_body
@@ -91,9 +91,9 @@ class VelocityWalk(Controller):
         dt_s = (step - self._last_step) * self._period_s
         self._last_step = step
         if dt_s > 0:
-            self._follow(dt_s, self.wanted(dt_s, step, state))
+            self._follow(dt_s, self.desired(dt_s, step, state))
         elif self._command is not None and not self._last_step:
-            self.velocity_body = self.wanted(dt_s, step, state)  # the ramp makes the start soft
+            self.velocity_body = self.desired(dt_s, step, state)  # the ramp makes the start soft
         strokes, pace_hz = self._strokes(), self._pattern.pace_hz[()]
         if dt_s > 0:
             self.poser.update(dt_s, state, self._pattern)
@@ -186,8 +186,8 @@ class VelocityWalk(Controller):
         full_m_s = pattern.amplitude_m / self._per_second
         self._most_change = full_m_s / FULL_SPEED_S
 
-    def _follow(self, dt_s: float, wanted: FloatArray) -> None:
-        change = (1 - math.exp(-dt_s / RESPONSE_S)) * (wanted - self.velocity_body)
+    def _follow(self, dt_s: float, desired: FloatArray) -> None:
+        change = (1 - math.exp(-dt_s / RESPONSE_S)) * (desired - self.velocity_body)
         # A turn moves the feet at the radius of the stance.
         forward, left, turn = (change[..., axis][()] for axis in range(3))
         turn = turn * self._robot.stance_radius_m
@@ -229,16 +229,16 @@ class MotionWalk(VelocityWalk):
     def __init__(self, start: WalkStart) -> None:
         super().__init__(start)
         self._motions = start.motions
-        self._wanted = self.velocity_body = self._velocity_of(self.gaits)
+        self._desired = self.velocity_body = self._velocity_of(self.gaits)
 
-    def wanted(self, dt_s: float, step: int, state: RobotState) -> FloatArray:
+    def desired(self, dt_s: float, step: int, state: RobotState) -> FloatArray:
         """Velocity of the motions, leading shape + (3,)."""
-        return self._wanted
+        return self._desired
 
     def glide_to(self, gaits: Gait | Sequence[Gait], which: BoolArray | None = None) -> None:
         """Change to other gaits in stride, and to their speeds."""
         super().glide_to(gaits, which)
-        self._wanted = self._velocity_of(self.gaits)
+        self._desired = self._velocity_of(self.gaits)
 
     def _velocity_of(self, gaits: Sequence[Gait]) -> FloatArray:
         rows = []

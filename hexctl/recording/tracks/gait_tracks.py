@@ -17,9 +17,9 @@ ROUNDING_RAD = 1e-5
 STEADY_TICKS = 5
 
 
-def clipped_joints(wanted_rad: FloatArray, commanded_rad: FloatArray) -> BoolArray:
+def clipped_joints(requested_rad: FloatArray, commanded_rad: FloatArray) -> BoolArray:
     """Whether the guard changed each joint's target, any shape."""
-    return np.asarray(np.abs(commanded_rad - wanted_rad) > ROUNDING_RAD)
+    return np.asarray(np.abs(commanded_rad - requested_rad) > ROUNDING_RAD)
 
 
 def skipped_ticks(time_s: FloatArray) -> FloatArray:

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from hexctl.columns import KEPT_BITS, RECORDED, Column
+from hexctl.columns import RECORDED, Column
 from hexctl.recording import paths
 from hexctl.recording.rrd import load_rerun
 from hexctl.recording.series import SENSORS, SERVOS, VECTORS, Series, rounded
@@ -51,7 +51,9 @@ def _send_base(block: Block) -> None:
 
 
 def _send_pose(block: Block, rows: Rows, position: FloatArray, quaternion: FloatArray) -> None:
-    place, turn = (rounded(values, KEPT_BITS).astype(np.float32) for values in (position, xyzw(quaternion)))
+    place, turn = (
+        rounded(values, FRACTION_BITS).astype(np.float32) for values in (position, xyzw(quaternion))
+    )
     pose = load_rerun().Transform3D.columns(translation=place, quaternion=turn)
     block.send(paths.ROBOT, rows, pose)
 

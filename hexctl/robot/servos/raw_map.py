@@ -105,9 +105,9 @@ class RawMap(ArrayFields, ABC):
             offsets_deg=_with(self.offsets_deg, joint, offset),
         )
 
-    def referenced(self, joint: int, believed_deg: float, true_deg: float) -> Self:
+    def referenced(self, joint: int, assumed_deg: float, true_deg: float) -> Self:
         """Map in which the raw position of a joint's assumed angle means its true angle."""
-        shift = self.signs[joint] * (believed_deg - true_deg)
+        shift = self.signs[joint] * (assumed_deg - true_deg)
         offset = round(float(self.offsets_deg[joint] + shift), 3)
         return replace(self, offsets_deg=_with(self.offsets_deg, joint, offset))
 

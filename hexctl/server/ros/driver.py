@@ -94,7 +94,7 @@ class RosDriver:
         if self._lease is None or self._pilot is None:
             return
         now_s = self._time.now()
-        if not self._requests.holds(self._lease, now_s) or self._guard.stopped is not None:
+        if not self._requests.is_current(self._lease, now_s) or self._guard.stopped is not None:
             self._drop()
             return
         pilot = self._pilot
@@ -112,7 +112,7 @@ class RosDriver:
             self._release()
             self._drop()
             self._idle.go_limp()
-        elif pilot.at_rest and not self._sits and self._source.wanted(now_s) is None:
+        elif pilot.at_rest and not self._sits and self._source.desired(now_s) is None:
             self._release()
         else:
             self._lease = self._requests.leases.renew(self._lease.lease_id, now_s, EXPIRY_OF_ROS_S)
@@ -129,21 +129,21 @@ class RosDriver:
         velocity = np.where(np.abs(velocity) < SLOWEST, 0.0, np.clip(velocity, -FASTEST, FASTEST))
         if self._lease is None and not velocity.any():
             return  # a planner that repeats zero must not hold the robot
-        self._hold_pilot(at_s, stands=bool(velocity.any()))
+        self._ready_pilot(at_s, stands=bool(velocity.any()))
         forward, left, turn = velocity.tolist()
         self._source.command(Velocity(forward, left, turn))
 
     def _lean(self, pose: BodyPose, at_s: float) -> None:
         if pose == self._pose and (self._pilot is not None or pose == LEVEL):
             return  # a node that repeats its pose must not hold the robot
-        self._hold_pilot(at_s, stands=True)
+        self._ready_pilot(at_s, stands=True)
         if self._arbiter.pose(pose):
             self._pose = pose
 
     def _pass(self, command: WantedJoints, at_s: float) -> None:
         if self._lease is not None and self._pilot is not None:
             raise CommandRefusedError("the robot walks a velocity; allowed: zero velocity first")
-        self._hold(at_s)
+        self._lease_robot(at_s)
         self._pilot = None
         self._joints_until_s = at_s + EXPIRY_OF_ROS_S
         self._write(command.joint_positions_rad, at_s)
@@ -154,7 +154,7 @@ class RosDriver:
             return self._clear_stop(at_s)
         try:
             self._check_no_joints(at_s)
-            self._hold(at_s)
+            self._lease_robot(at_s)
             return True, self._sit() if service is Service.SIT else self._stand()
         except HexctlError as error:
             self._refused += 1
@@ -196,18 +196,18 @@ class RosDriver:
         if at_s <= self._joints_until_s:
             raise CommandRefusedError("joint commands are arriving; allowed: end them first")
 
-    def _hold_pilot(self, at_s: float, *, stands: bool) -> None:
+    def _ready_pilot(self, at_s: float, *, stands: bool) -> None:
         """Take the lease and start the pilot; if `stands`, end sitting down."""
         self._check_no_joints(at_s)
-        self._hold(at_s)
+        self._lease_robot(at_s)
         pilot = self._drive()
         if self._sits and stands:
             self._sits = False
             pilot.stand()
 
-    def _hold(self, at_s: float) -> None:
+    def _lease_robot(self, at_s: float) -> None:
         """Acquire or extend the lease; raises HexctlError during another client's lease or a stop."""
-        if self._lease is not None and self._requests.holds(self._lease, at_s):
+        if self._lease is not None and self._requests.is_current(self._lease, at_s):
             self._lease = self._requests.leases.renew(self._lease.lease_id, at_s, EXPIRY_OF_ROS_S)
         else:
             sent, guard = self._sent_rad, self._guard  # compared before a lease resets the accepted targets

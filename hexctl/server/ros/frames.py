@@ -132,12 +132,12 @@ class Frames:
         self._odom: FramePose | None = None
         self._posed_at_s: float | None = None
 
-    def follow(self, snapshot: RobotSnapshot, *, wanted: bool) -> None:
-        """Take in every state; `wanted` means that anything subscribes to the pose."""
+    def follow(self, snapshot: RobotSnapshot, *, subscribed: bool) -> None:
+        """Take in every state; `subscribed` means that anything subscribes to the pose."""
         if snapshot.posed_at_s is None:
             self._own = snapshot
             return
-        if self._reckoning is None and wanted:
+        if self._reckoning is None and subscribed:
             self._reckoning = self._begun()
         if self._reckoning is None:
             return

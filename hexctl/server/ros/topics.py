@@ -79,9 +79,9 @@ class RobotMessages:
         self._on_map = telemetry.transforms(((MAP_FRAME, WORLD_FRAME), (WORLD_FRAME, BASE_LINK), *links))
         self._twist, self._frames = BodyTwist(), Frames(robot)
 
-    def follow(self, snapshot: RobotSnapshot, *, wanted: bool) -> None:
-        """Take in every state before it is encoded; `wanted` means that anything subscribes to the pose."""
-        self._frames.follow(snapshot, wanted=wanted)
+    def follow(self, snapshot: RobotSnapshot, *, subscribed: bool) -> None:
+        """Take in every state before it is encoded; `subscribed` is whether the pose has subscribers."""
+        self._frames.follow(snapshot, subscribed=subscribed)
 
     def description(self) -> bytes:
         """The URDF."""
@@ -168,7 +168,9 @@ class RobotTopics:
         if snapshot.orientation is not None and "imu/data" not in self._publishers:
             self._publishers["imu/data"] = self._declared("imu/data")
         messages = self._messages
-        messages.follow(snapshot, wanted=any(self._publishers[topic].wanted for topic in ("tf", "odom")))
+        messages.follow(
+            snapshot, subscribed=any(self._publishers[topic].subscribed for topic in ("tf", "odom"))
+        )
         self._put("joint_states", messages.joint_states, snapshot)
         self._put("tf", messages.moving_frames, snapshot)
         self._put("odom", messages.odometry, snapshot)
@@ -188,12 +190,12 @@ class RobotTopics:
         """Publish once a second that the robot is silent."""
         if now_s - self._slow_at_s >= SLOW_S:
             self._slow_at_s = now_s
-            if self._publishers["/diagnostics"].wanted:
+            if self._publishers["/diagnostics"].subscribed:
                 self._publishers["/diagnostics"].put(self._messages.silence())
 
     def _put(self, topic: str, encode: Encoder, snapshot: RobotSnapshot) -> None:
         publisher = self._publishers[topic]
-        payload = encode(snapshot) if publisher.wanted else None
+        payload = encode(snapshot) if publisher.subscribed else None
         if payload is not None:
             publisher.put(payload)
 

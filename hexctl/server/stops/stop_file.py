@@ -40,7 +40,7 @@ BLOCK_BYTES = 4096
 MOST_REASON, MOST_NAME = 300, 100
 
 
-class KeptStop(BaseModel):
+class StoredStop(BaseModel):
     """A stop in the file's format; `robot`, `where` and `at` (UTC) are for readers."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -62,7 +62,7 @@ class KeptStop(BaseModel):
         return f"{self.reason}, {self.at:%Y-%m-%d %H:%M} UTC{by}, {self.robot} at {self.where}"
 
 
-_CONTENT: TypeAdapter[KeptStop | None] = TypeAdapter(KeptStop | None)
+_CONTENT: TypeAdapter[StoredStop | None] = TypeAdapter(StoredStop | None)
 
 
 class StopFile:
@@ -75,7 +75,7 @@ class StopFile:
 
     Attributes:
         trouble: why the current stop is not stored, or None.
-        found: description of the loaded stop, or None.
+        loaded: description of the loaded stop, or None.
     """
 
     def __init__(
@@ -94,17 +94,17 @@ class StopFile:
         digest = hashlib.sha256(known_by.encode(errors="replace")).hexdigest()[:12]
         self.path = (state_folder() if folder is None else folder) / f"stop-{name}-{digest}.json"
         self.trouble: str | None = None
-        self.found: str | None = None
+        self.loaded: str | None = None
         self._robot, self._where = robot, where
         self._asked_only, self._clear = asked_only, clear
         self._lock: int | None = None
         self._descriptor: int | None = None
-        self._wanted: KeptStop | None = None
+        self._wanted: StoredStop | None = None
         self._stop_on_disk: str | None = None
         self._due, self._ended = threading.Event(), False
         self._writer: threading.Thread | None = None
 
-    def load(self) -> KeptStop | None:
+    def load(self) -> StoredStop | None:
         """The stored stop, or None; also tests whether the file can be written.
 
         An unreadable or invalid file is a stop too. A file that another running server has locked may be that
@@ -112,7 +112,7 @@ class StopFile:
         """
         kept, unread = self._read()
         self._wanted, self._stop_on_disk = kept, None if kept is None else kept.stop_id
-        self.found = None if kept is None else str(kept) if unread is None else unread
+        self.loaded = None if kept is None else str(kept) if unread is None else unread
         try:
             self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             self._own()
@@ -133,8 +133,8 @@ class StopFile:
     def warnings(self) -> tuple[str, ...]:
         """Warnings for the operator after `load`."""
         lines = [] if self.trouble is None else [f"a stop will not survive a restart: {self.trouble}"]
-        if self.found is not None:
-            stopped = f"still stopped ({self.found}), as before the restart"
+        if self.loaded is not None:
+            stopped = f"still stopped ({self.loaded}), as before the restart"
             lines.insert(0, f"{stopped}; {self._clear} when it may move")
         return tuple(printable(line) for line in lines)
 
@@ -164,7 +164,7 @@ class StopFile:
                     os.close(descriptor)
             self._descriptor = self._lock = None
 
-    def _read(self) -> tuple[KeptStop | None, str | None]:
+    def _read(self) -> tuple[StoredStop | None, str | None]:
         try:
             return _CONTENT.validate_json(read_file(self.path, BLOCK_BYTES)), None
         except (FileNotFoundError, NotADirectoryError):
@@ -187,8 +187,8 @@ class StopFile:
         descriptor = os.open(self.path.with_suffix(".lock"), os.O_RDWR | os.O_CREAT, 0o600)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            found, _ = self._read()
-            if found is not None and found.stop_id != self._stop_on_disk and self.trouble is not None:
+            loaded, _ = self._read()
+            if loaded is not None and loaded.stop_id != self._stop_on_disk and self.trouble is not None:
                 raise BlockingIOError(errno.EAGAIN, "it has the stop of another server", str(self.path))
         except BlockingIOError:
             os.close(descriptor)
@@ -197,7 +197,7 @@ class StopFile:
             pass
         self._lock = descriptor
 
-    def _open(self, content: KeptStop | None) -> None:
+    def _open(self, content: StoredStop | None) -> None:
         """Keep the file open, created with `content` if missing; raises OSError."""
         if not self.path.exists():
             atomic_write(self.path, _block(content).decode())
@@ -230,7 +230,7 @@ class StopFile:
                 self.trouble, self._stop_on_disk = None, None if wanted is None else wanted.stop_id
             time.sleep(0 if self._ended else PAUSE_S)
 
-    def _put(self, content: KeptStop | None) -> None:
+    def _put(self, content: StoredStop | None) -> None:
         """Overwrite the file, or recreate a removed or invalid one; raises OSError."""
         if self._descriptor is not None and os.fstat(self._descriptor).st_nlink > 0:
             os.pwrite(self._descriptor, _block(content), 0)
@@ -244,9 +244,9 @@ class StopFile:
         with suppress(OSError):  # it is on the disk; the next write may replace it likewise
             self._open(content)
 
-    def _content(self, stop: Stop) -> KeptStop:
+    def _content(self, stop: Stop) -> StoredStop:
         reason = ESTOP if self._asked_only else stop.reason  # a simulation stands after a restart
-        return KeptStop(
+        return StoredStop(
             robot=_storable(self._robot, MOST_NAME),
             where=_storable(self._where, MOST_NAME),
             reason=_storable(reason, MOST_REASON),
@@ -257,7 +257,7 @@ class StopFile:
         )
 
 
-def _block(content: KeptStop | None) -> bytes:
+def _block(content: StoredStop | None) -> bytes:
     return _CONTENT.dump_json(content).ljust(BLOCK_BYTES)
 
 

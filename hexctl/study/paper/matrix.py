@@ -141,32 +141,34 @@ class MatrixPlan(LandscapePlan, Experiment["DataFrame"]):
             work.progress.step()
         return DataFrame(rows)
 
-    def numbers(self, found: "DataFrame") -> dict[str, Any]:
+    def numbers(self, findings: "DataFrame") -> dict[str, Any]:
         """Return the verdicts of the cells as plain JSON values."""
-        holds = found["holds"].eq(True).groupby(found["name"], sort=False).all()
+        holds = findings["holds"].eq(True).groupby(findings["name"], sort=False).all()
         return {
             "code": code_versions(),
-            "cells": [cell.as_json(where(found, setting=cell.title)) for cell in self.cells],
+            "cells": [cell.as_json(where(findings, setting=cell.title)) for cell in self.cells],
             "survive": holds.index[holds].to_list(),
         }
 
-    def _table(self, found: "DataFrame") -> Table:
-        verdicts = found.pivot(index="setting", columns="name", values="short")[list(NAMES)]
+    def _table(self, findings: "DataFrame") -> Table:
+        verdicts = findings.pivot(index="setting", columns="name", values="short")[list(NAMES)]
         rows = [[cell.title, str(cell.plan.worlds), *verdicts.loc[cell.title]] for cell in self.cells]
         return Table(("setting", "worlds", *NAMES), rows)
 
-    def lines(self, found: "DataFrame") -> list[str]:
+    def lines(self, findings: "DataFrame") -> list[str]:
         """Return the table of verdicts in Markdown."""
-        return [line.replace("does not hold", "**does not hold**") for line in markdown(self._table(found))]
+        return [
+            line.replace("does not hold", "**does not hold**") for line in markdown(self._table(findings))
+        ]
 
-    def sections(self, found: "DataFrame") -> Iterator[Section]:
+    def sections(self, findings: "DataFrame") -> Iterator[Section]:
         """Return the parts of the report."""
         gaits = " or ".join(map(str, sorted({cell.plan.without_gaits for cell in self.cells})))
         note = f"Without self-rotation {gaits} gaits. {SINGLE_WORLD}"
-        yield Section("Verdicts", [note, self._table(found)])
+        yield Section("Verdicts", [note, self._table(findings)])
         names = ("claim", "rule", "measured", "null", "verdict")
         header = ("claim of the paper", "holds here if", "measured here", "random numbers", "verdict")
         columns = {title: itemgetter(name) for title, name in zip(header, names, strict=True)}
         for cell in self.cells:
-            claims = where(found, setting=cell.title).to_dict("records")
+            claims = where(findings, setting=cell.title).to_dict("records")
             yield Section(cell.title, [Table.of(claims, columns)])

@@ -19,7 +19,7 @@ import numpy as np
 
 from hexctl.control.preparation import WalkStart
 from hexctl.control.walks.steered_walk import SteeredWalk
-from hexctl.control.walks.steering import held
+from hexctl.control.walks.steering import possible_hold
 from hexctl.ik.legs import link_points_body
 from hexctl.robot.model import Robot
 from hexctl.types import GRAVITY_M_S2, JOINTS_PER_LEG, N_LEGS, FloatArray, RobotState
@@ -45,7 +45,7 @@ class DecentralisedWalk(SteeredWalk):
     """
 
     def __init__(self, start: WalkStart) -> None:
-        super().__init__(start, hold=held(start.plans[0], start.frame))
+        super().__init__(start, hold=possible_hold(start.plans[0], start.frame))
         self.leave_plain()
         self._loads = LegLoads(start.robot)
         self._mean_load: FloatArray = np.zeros((*start.batch_shape, N_LEGS))
@@ -90,6 +90,6 @@ class LegLoads:
         From the torques of the femurs if known, else from the contacts of the feet.
         """
         if state.joint_torques_nm is not None:
-            held_nm = np.maximum(0.0, -state.joint_torques_nm[..., 1::JOINTS_PER_LEG])
-            return np.asarray(np.nan_to_num(held_nm) * self._per_nm)
+            carried_nm = np.maximum(0.0, -state.joint_torques_nm[..., 1::JOINTS_PER_LEG])
+            return np.asarray(np.nan_to_num(carried_nm) * self._per_nm)
         return None if state.foot_contacts is None else state.foot_contacts.astype(float)

@@ -17,7 +17,7 @@ from hexctl.control.monitor.recovery import GlideToStableGait, Recovery, Respons
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.steered_walk import SteeredWalk
-from hexctl.control.walks.steering import held
+from hexctl.control.walks.steering import possible_hold
 from hexctl.control.walks.velocity_walk import MotionWalk, VelocityWalk
 from hexctl.learning.learned_walk import LearnedWalk
 from hexctl.learning.policy import policy_of
@@ -125,28 +125,28 @@ class ByTrials(RecoveryMethod, Generic[BestT]):
     Attributes:
         rehearse: returns what trials of each walk have found; None without a failure.
         walk: makes the controller from what was found for each, and when each learns of its failure.
-        found: what trials have found, by the `id` of the walk's plan.
+        rehearsals: what trials have found, by the `id` of the walk's plan.
     """
 
     rehearse: Callable[[Sequence[SimTrial], int], Sequence[Rehearsal[BestT] | None]]
     walk: Callable[[WalkStart, FloatArray, Sequence[Rehearsal[BestT] | None]], Controller]
-    found: Mapping[int, Rehearsal[BestT]] = field(default_factory=dict)
+    rehearsals: Mapping[int, Rehearsal[BestT]] = field(default_factory=dict)
 
     makes_trials = True
 
     def prepared(self, trials: Sequence[SimTrial], threads: int = 1) -> RecoveryMethod:
         """The method with what trials of these walks have found."""
         pairs = zip(trials, self.rehearse(trials, threads), strict=True)
-        return replace(self, found={id(trial.plan): each for trial, each in pairs if each is not None})
+        return replace(self, rehearsals={id(trial.plan): each for trial, each in pairs if each is not None})
 
     def trials_before(self, plan: TrialPlan) -> int:
         """Number of trials for a walk."""
-        return self.found[id(plan)].trials if id(plan) in self.found else 0
+        return self.rehearsals[id(plan)].trials if id(plan) in self.rehearsals else 0
 
     def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
         """Walks with knowledge of the future failures and what to do then."""
-        told_s = np.array([min((event.at_s for event in events), default=math.inf) for events in to_come])
-        return self.walk(start, told_s, [self.found.get(id(plan)) for plan in start.plans])
+        failure_s = np.array([min((event.at_s for event in events), default=math.inf) for events in to_come])
+        return self.walk(start, failure_s, [self.rehearsals.get(id(plan)) for plan in start.plans])
 
 
 def by_shapes(search: Callable[[SimTrial], ShapeSearch]) -> ByTrials[FloatArray]:
@@ -167,7 +167,7 @@ def stopping(recovery: Recovery) -> ControllerMethod:
     )
 
 
-class ToldWalk(Controller):
+class OracleWalk(Controller):
     """Walks of a batch by an oracle: each learns leg and kind in the tick of the failure.
 
     Args:
@@ -177,7 +177,7 @@ class ToldWalk(Controller):
     def __init__(
         self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]], recovery: Recovery
     ) -> None:
-        self.hold = held(start.plans[0], start.frame)
+        self.hold = possible_hold(start.plans[0], start.frame)
         self.walk: VelocityWalk = (
             MotionWalk(start) if self.hold == "none" else SteeredWalk(start, hold=self.hold)
         )
@@ -192,7 +192,7 @@ class ToldWalk(Controller):
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
         """Joint angles at this step, (n, 18)."""
-        told = np.zeros(len(self._to_come), dtype=bool)
+        learned = np.zeros(len(self._to_come), dtype=bool)
         gaits = list(self.walk.gaits)
         for index, events in enumerate(self._to_come):
             now = [event for event in events if event.at_s <= (step + 0.5) * self._start.period_s]
@@ -200,9 +200,9 @@ class ToldWalk(Controller):
                 del events[: len(now)]
                 response = self._response(index, now)
                 if response.gait is not None:
-                    gaits[index], told[index] = response.gait, True
-        if told.any():
-            self.walk.glide_to(gaits, told)
+                    gaits[index], learned[index] = response.gait, True
+        if learned.any():
+            self.walk.glide_to(gaits, learned)
         self.limited_steps = self.walk.limited_steps
         return self.walk.targets_rad(step, state)
 
@@ -234,7 +234,7 @@ METHODS: dict[str, Callable[[], RecoveryMethod]] = {
     # The monitor detects failures, and the gait stays as it is.
     "nothing": lambda: watched(WalkOn()),
     # An oracle knows leg and kind in the tick of the failure, then glides to the gait of `recover`.
-    "told": lambda: ControllerMethod(make=partial(ToldWalk, recovery=GlideToStableGait())),
+    "told": lambda: ControllerMethod(make=partial(OracleWalk, recovery=GlideToStableGait())),
     # At the monitor's alarm the walk glides to a stable gait.
     "recover": lambda: watched(GlideToStableGait()),
     # At the monitor's alarm the robot stops, makes the standing test, and continues with its result.
@@ -246,7 +246,7 @@ METHODS: dict[str, Callable[[], RecoveryMethod]] = {
     # Knows no failures: a policy, trained in simulation with failing legs, moves the feet of the gait.
     "ppo": lambda: ControllerMethod(
         make=lambda start, _: LearnedWalk(
-            start, policy_of(start.robot), hold=held(start.plans[0], start.frame)
+            start, policy_of(start.robot), hold=possible_hold(start.plans[0], start.frame)
         )
     ),
     # Intelligent trial and error: searches in an archive of gaits of the intact robot.

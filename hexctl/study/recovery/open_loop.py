@@ -11,7 +11,7 @@ from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial_result import TrialResult
 from hexctl.control.walks.steered_walk import SteeredWalk
-from hexctl.control.walks.steering import held
+from hexctl.control.walks.steering import possible_hold
 from hexctl.gait.gait import Gait, ideal_speed_m_s
 from hexctl.types import BoolArray, FloatArray, RobotState
 
@@ -75,32 +75,34 @@ class OpenLoopFromFailure(SteeredWalk):
     """Walks along its line until it learns of a failure, and from then on in open loop.
 
     Args:
-        told_s: time at which each learns of it; infinity for never.
-        found: what trials have found for each.
+        failure_s: time at which each learns of it; infinity for never.
+        best: what trials have found for each.
     """
 
-    def __init__(self, start: WalkStart, told_s: FloatArray, found: Sequence[Rehearsal[Gait] | None]) -> None:
-        super().__init__(start, hold=held(start.plans[0], start.frame))
+    def __init__(
+        self, start: WalkStart, failure_s: FloatArray, best: Sequence[Rehearsal[Gait] | None]
+    ) -> None:
+        super().__init__(start, hold=possible_hold(start.plans[0], start.frame))
         self.leave_plain()  # walks change their gaits at different times
-        self._told_s, self._found, self._motions = told_s, found, start.motions
+        self._failure_s, self._best, self._motions = failure_s, best, start.motions
         self._open: BoolArray = np.zeros(len(start.plans), dtype=bool)
         self._nominal: FloatArray = np.zeros((len(start.plans), 3))
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
         """Joint angles at this step, (n, 18)."""
-        now = ~self._open & (self._told_s <= (step + 0.5) * self._period_s)
+        now = ~self._open & (self._failure_s <= (step + 0.5) * self._period_s)
         if now.any():
             self._leave_line(now)
         return super().targets_rad(step, state)
 
-    def wanted(self, dt_s: float, step: int, state: RobotState) -> FloatArray:
+    def desired(self, dt_s: float, step: int, state: RobotState) -> FloatArray:
         """Velocity of the law, or that of the gait if the loop is open, (n, 3)."""
-        steered = super().wanted(dt_s, step, state)
+        steered = super().desired(dt_s, step, state)
         return np.where(self._open[:, np.newaxis], self._nominal, steered)
 
     def _leave_line(self, which: BoolArray) -> None:
         self._open = self._open | which
-        pairs = zip(self.gaits, self._found, strict=True)
+        pairs = zip(self.gaits, self._best, strict=True)
         self.glide_to([gait if found is None else found.best for gait, found in pairs], which)
         for index in np.flatnonzero(which).tolist():
             motion = self._motions[index]

@@ -372,24 +372,24 @@ class RecoveryPlan(HeldOutExperiment):
         for (_, gait, _), trial in gaits.items():
             check_walkable(gait, trial)
 
-    def numbers(self, found: "DataFrame") -> dict[str, Any]:
+    def numbers(self, findings: "DataFrame") -> dict[str, Any]:
         """Return settings and results as plain JSON values."""
-        values = super().numbers(found) | plain(self, "gaits", "methods", "protocols", "runs", "seed")
-        values["set_aside"] = int(found["set_aside"].sum())
+        values = super().numbers(findings) | plain(self, "gaits", "methods", "protocols", "runs", "seed")
+        values["set_aside"] = int(findings["set_aside"].sum())
         for protocol, counts in COUNTS.items():
-            some = where(found, protocol=protocol)
+            some = where(findings, protocol=protocol)
             methods = self.methods if protocol in self.protocols else ()
             values[protocol] = rule_shares(some, methods, counts)
         return values
 
-    def lines(self, found: "DataFrame") -> list[str]:
+    def lines(self, findings: "DataFrame") -> list[str]:
         """Return the tables of all walks, by kind of failure and method."""
         lines: list[str] = []
         if LINE in self.protocols:
-            records = [one for one in self.statistics(found) if one["division"] in ("all", "kind")]
-            lines += [*markdown(Table.of(records, COLUMNS)), *aside_lines(found)]
+            records = [one for one in self.statistics(findings) if one["division"] in ("all", "kind")]
+            lines += [*markdown(Table.of(records, COLUMNS)), *aside_lines(findings)]
         for protocol in self.ruled:
-            table = self._rule_table(found, protocol)
+            table = self._rule_table(findings, protocol)
             header = [f"{protocol}: {table.header[0]}", *table.header[1:]]
             lines += ["", *markdown(Table(header, table.rows))]
         return lines
@@ -399,17 +399,17 @@ class RecoveryPlan(HeldOutExperiment):
         shares = rule_shares(some, self.methods, COUNTS[protocol])
         return Table.of([one for one in shares if one["walks"]], RULE_COLUMNS)
 
-    def tables(self, found: "DataFrame") -> "Mapping[str, DataFrame]":
+    def tables(self, findings: "DataFrame") -> "Mapping[str, DataFrame]":
         """Return the table of all walks."""
-        return {"recovery": table_of_walks(found)}
+        return {"recovery": table_of_walks(findings)}
 
-    def remarks(self, found: "DataFrame") -> list[str]:
+    def remarks(self, findings: "DataFrame") -> list[str]:
         """Return the gaits, and the omissions from all numbers."""
         gaits = f"Gaits {', '.join(self.gaits)}; failures within the gait cycle after 8 s."
-        return [gaits, *aside_lines(found)]
+        return [gaits, *aside_lines(findings)]
 
-    def sections(self, found: "DataFrame") -> Iterator[Section]:
+    def sections(self, findings: "DataFrame") -> Iterator[Section]:
         """Return the parts of the report, those of the protocols judged by HexaHeal's rule included."""
-        yield from super().sections(found)
+        yield from super().sections(findings)
         for protocol in self.ruled:
-            yield Section(RULE_TITLES[protocol], [self._rule_table(found, protocol)])
+            yield Section(RULE_TITLES[protocol], [self._rule_table(findings, protocol)])

@@ -15,7 +15,7 @@ from hexctl.control.controllers import joints_of_feet
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial_result import TrialResult
 from hexctl.control.walks.steered_walk import SteeredWalk
-from hexctl.control.walks.steering import held
+from hexctl.control.walks.steering import possible_hold
 from hexctl.gait.foot_trajectory import StepPattern, feet_at_phases, part_of_cycle
 from hexctl.gait.gait import Gait
 from hexctl.study.recovery.open_loop import Rehearsal
@@ -43,13 +43,13 @@ class ShapedWalk(SteeredWalk):
     """Walks of a batch along their lines until they learn of a failure, then in open loop with their shapes.
 
     Args:
-        told_s: time at which each learns of it; infinity for never.
+        failure_s: time at which each learns of it; infinity for never.
         shapes: of the walks, (n, 6, 4) in 0 to 1.
     """
 
-    def __init__(self, start: WalkStart, *, hold: str, told_s: FloatArray, shapes: FloatArray) -> None:
+    def __init__(self, start: WalkStart, *, hold: str, failure_s: FloatArray, shapes: FloatArray) -> None:
         super().__init__(start, hold=hold)
-        self._told_s = told_s
+        self._failure_s = failure_s
         pattern, values = self._pattern, LOW + (HIGH - LOW) * shapes
         height_m = pattern.height_m * values[..., 2]
         self._shaped = StepPattern(
@@ -69,7 +69,7 @@ class ShapedWalk(SteeredWalk):
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
         """Joint angles at this step, (n, 18)."""
         line_rad = super().targets_rad(step, state)
-        since_s = (step + 0.5) * self._period_s - self._told_s
+        since_s = (step + 0.5) * self._period_s - self._failure_s
         share = np.clip(since_s / CHANGE_S, 0.0, 1.0)[..., np.newaxis]
         u = part_of_cycle(self._shaped.pace_hz[..., np.newaxis] * step * self._period_s + self._shaped.phases)
         feet = feet_at_phases(self._robot, self._shaped, u, self._shaped_strokes, 1.0)
@@ -89,12 +89,14 @@ class ShapeSearch(ABC):
 
 
 def shaped_walk(
-    start: WalkStart, told_s: FloatArray, found: Sequence[Rehearsal[FloatArray] | None]
+    start: WalkStart, failure_s: FloatArray, found: Sequence[Rehearsal[FloatArray] | None]
 ) -> ShapedWalk:
     """Walks that change to the shapes that trials have found."""
     pairs = zip(start.plans, found, strict=True)
     shapes = np.stack([shape_of(plan.gait) if one is None else one.best for plan, one in pairs])
-    return ShapedWalk(start, hold=held(start.plans[0], start.frame), told_s=told_s, shapes=shapes)
+    return ShapedWalk(
+        start, hold=possible_hold(start.plans[0], start.frame), failure_s=failure_s, shapes=shapes
+    )
 
 
 def search_shapes(
@@ -134,7 +136,7 @@ def scores_of(tried: Sequence[tuple[SimTrial, FloatArray]], threads: int = 1) ->
 
     def make(start: WalkStart) -> ShapedWalk:
         own = np.stack([shapes[id(plan)] for plan in start.plans])
-        return ShapedWalk(start, hold="line", told_s=np.zeros(len(own)), shapes=own)
+        return ShapedWalk(start, hold="line", failure_s=np.zeros(len(own)), shapes=own)
 
     return [score_of(result) for result in run_sim_trials(trials, threads, make, apart=True)]
 

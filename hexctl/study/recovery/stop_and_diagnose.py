@@ -11,7 +11,7 @@ from hexctl.control.monitor.recovery import Recovery, WalkOn
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.steered_walk import SteeredWalk
-from hexctl.control.walks.steering import held
+from hexctl.control.walks.steering import possible_hold
 from hexctl.control.walks.velocity_walk import MotionWalk
 from hexctl.robot.failure import MOST_FAILED, Failure, NoticedFailure, each_failure, failure_text, loses_leg
 from hexctl.types import FloatArray, RobotState
@@ -34,7 +34,7 @@ class StopAndDiagnoseWalk(Controller):
     def __init__(self, start: WalkStart, recovery: Recovery, *, probes: Sequence[Probe] = ALL_PROBES) -> None:
         self._start, self._recovery, self._probes = start, recovery, probes
         self._plan, self._heading_rad = start.plans[0], start.motions[0].heading_rad
-        self.hold = held(self._plan, start.frame)
+        self.hold = possible_hold(self._plan, start.frame)
         recovery.prepare(start.robot, self._plan, self._heading_rad)
         self._failures: tuple[Failure, ...] = ()
         self._noticed: list[NoticedFailure] = []
@@ -126,9 +126,9 @@ class StopAndDiagnoseWalk(Controller):
         start = replace(self._start, plans=(plan,))
         walk = MotionWalk(start) if self.hold == "none" else SteeredWalk(start, hold=self.hold)
         walk.leave_plain()
-        return MonitoredWalk(replace(start, plans=(self._told(plan),)), walk, WalkOn())
+        return MonitoredWalk(replace(start, plans=(self._plan_with_failures(plan),)), walk, WalkOn())
 
-    def _told(self, plan: TrialPlan) -> TrialPlan:
+    def _plan_with_failures(self, plan: TrialPlan) -> TrialPlan:
         """Plan that includes the found failures, so the monitor does not watch those legs."""
         by_leg = {one.leg: one for one in (*plan.failures, *self._failures)}
         return replace(plan, failures=each_failure(tuple(by_leg.values()))[:MOST_FAILED])

@@ -149,20 +149,22 @@ class TransferPlan(LandscapePlan, Experiment["DataFrame"]):
         work.progress.stage("searches, world by world", len(landscapes))
         return search_worlds(self, landscapes, work.progress.step)
 
-    def numbers(self, found: "DataFrame") -> dict[str, Any]:
+    def numbers(self, findings: "DataFrame") -> dict[str, Any]:
         """Return settings and results as plain JSON values."""
-        floor, error_m = floor_m(found)
+        floor, error_m = floor_m(findings)
         names = ("worlds", "legs", "optimizers", "runs", "budget", "duration_s")
         return {
             "robot": self.robot.name,
             **plain(self, *names),
             "target_m": DEFAULT_TARGET_M,
             "code": code_versions(),
-            "landscapes": places(found),
-            "landscapes_without_valid_gait": len(self.specs()) - places(found),
+            "landscapes": places(findings),
+            "landscapes_without_valid_gait": len(self.specs()) - places(findings),
             "best_of_all_m": json_value(floor),
             "best_of_all_standard_error_m": json_value(error_m),
-            "optimizers_found": {name: self._found(where(found, optimizer=name)) for name in self.optimizers},
+            "optimizers_found": {
+                name: self._found(where(findings, optimizer=name)) for name in self.optimizers
+            },
         }
 
     def _found(self, runs: "DataFrame") -> dict[str, Any]:
@@ -180,14 +182,14 @@ class TransferPlan(LandscapePlan, Experiment["DataFrame"]):
     def _shown(self) -> list[int]:
         return [count for count in SHOWN if count <= self.budget]
 
-    def lines(self, found: "DataFrame") -> list[str]:
+    def lines(self, findings: "DataFrame") -> list[str]:
         """Return the table of the curves."""
-        return markdown(self._curves(found))
+        return markdown(self._curves(findings))
 
-    def tables(self, found: "DataFrame") -> "Mapping[str, DataFrame]":
+    def tables(self, findings: "DataFrame") -> "Mapping[str, DataFrame]":
         """Return the table of all trials: a row for each trial of each run."""
         head, trials = ["world", "kind", "leg", "optimizer", "run"], ["best_m", "walked_s"]
-        runs = found[[*head, "codes", *trials]].rename(columns={"codes": "code"})
+        runs = findings[[*head, "codes", *trials]].rename(columns={"codes": "code"})
         for name in trials:
             pairs = zip(runs[name], runs["code"], strict=True)
             runs[name] = [values[: len(codes)] for values, codes in pairs]
@@ -195,7 +197,7 @@ class TransferPlan(LandscapePlan, Experiment["DataFrame"]):
         table = runs[[*head, "trial", "code", *trials]].explode(["trial", "code", *trials])
         return {"transfer": table.astype({"trial": int, "code": int, "best_m": float, "walked_s": float})}
 
-    def sections(self, found: "DataFrame") -> Iterator[Section]:
+    def sections(self, findings: "DataFrame") -> Iterator[Section]:
         """Return the parts of the report."""
         settings = (
             f"Robot {self.robot.name}; legs {', '.join(str(leg) for leg in self.legs)} locked, self-rotation "
@@ -203,14 +205,14 @@ class TransferPlan(LandscapePlan, Experiment["DataFrame"]):
             f"runs of each search that has a seed; prior of {self.prior.worlds} worlds a leg; "
             f"target {cm(DEFAULT_TARGET_M)}."
         )
-        floor = cm_with_error(*floor_m(found))
+        floor = cm_with_error(*floor_m(findings))
         reach = (
-            f"{places(found)} of {len(self.specs())} worlds and legs have a valid gait, the others are left "
-            f"out. Best of all gaits {floor}. Means ± standard error over worlds."
+            f"{places(findings)} of {len(self.specs())} worlds and legs have a valid gait, the others are "
+            f"left out. Best of all gaits {floor}. Means ± standard error over worlds."
         )
         yield Section("", [settings])
         yield reading("transfer")
-        yield Section("All worlds and legs", [reach, self._curves(found)])
+        yield Section("All worlds and legs", [reach, self._curves(findings)])
 
     def _curves(self, runs: "DataFrame") -> Table:
         rows: list[list[str]] = []
@@ -244,8 +246,8 @@ def search_worlds(
     for place, landscape in enumerate(landscapes):
         if not landscape.valid.any():
             continue
-        found = {"place": place, "best_of_all_m": landscape.best_m}
-        rows += [found | row for row in _courses(plan, landscape, samples[landscape.spec.leg])]
+        findings = {"place": place, "best_of_all_m": landscape.best_m}
+        rows += [findings | row for row in _courses(plan, landscape, samples[landscape.spec.leg])]
         on_landscape()
     return DataFrame(rows)
 

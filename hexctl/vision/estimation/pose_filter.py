@@ -86,7 +86,7 @@ class PoseFilter:
         self._mark: tuple[PoseBelief, PoseBelief] | None = None
         self._suspects: list[Sighting] = []
         self._slip_of: PoseBelief | None = None
-        self._believed_s, self._newest_s = -math.inf, -math.inf
+        self._accepted_s, self._newest_s = -math.inf, -math.inf
         self._published_s, self._offset = -math.inf, np.zeros(3)
         self.restarts = 0
 
@@ -125,12 +125,12 @@ class PoseFilter:
         with self._blended(max(self._published_s, sighting.at_s)):
             self._fused.insert(index, (sighting, prior.after(sighting)))
             self._replay(index + 1)
-        self._believed_s = max(self._believed_s, sighting.at_s)
+        self._accepted_s = max(self._accepted_s, sighting.at_s)
         return True
 
     def estimate(self, now_s: float) -> PoseEstimate:
         """The pose at a time, no earlier than the last one asked for; to be asked at a steady rate."""
-        age_s = now_s - self._believed_s
+        age_s = now_s - self._accepted_s
         if self._base is not None and age_s > LOST_AFTER_S:
             self.forget()
         if self._base is None:
@@ -203,7 +203,7 @@ class PoseFilter:
         if len(agreeing) < LEAST_AGREEING or 2 * len(agreeing) <= len(self._suspects):
             return False
         if self._base is not None:
-            if span_s < AGREEING_S or agreeing[0].at_s <= self._believed_s:
+            if span_s < AGREEING_S or agreeing[0].at_s <= self._accepted_s:
                 return False
             self.restarts += 1
         self._begin(agreeing)
@@ -222,7 +222,7 @@ class PoseFilter:
         for sighting in sightings[1:]:
             belief = self._advanced(belief, sighting.at_s).after(sighting)
             self._fused.append((sighting, belief))
-        self._believed_s = sightings[-1].at_s
+        self._accepted_s = sightings[-1].at_s
         self._published_s, self._offset = -math.inf, np.zeros(3)
 
     def _slip(self) -> PoseBelief | None:

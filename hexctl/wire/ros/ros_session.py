@@ -49,12 +49,12 @@ class RouterWatch:
         self._lost = False
         self._listens_since_s: float | None = None
 
-    def trouble(self, found: bool, now_s: float) -> str | None:
+    def trouble(self, reached: bool, now_s: float) -> str | None:
         """Why there is no router, with a next step; None if it is reached or may still be starting."""
-        if found or not _listens(self._router):
+        if reached or not _listens(self._router):
             self._listens_since_s = None
-            self._lost |= found
-            return None if found else self._absent
+            self._lost |= reached
+            return None if reached else self._absent
         if self._listens_since_s is None:
             self._listens_since_s = now_s
         if now_s - self._listens_since_s < GREETING_S:
@@ -151,7 +151,7 @@ class RosPublisher:
         self._token = session.liveliness().declare_token(endpoint.token(session_id))
 
     @property
-    def wanted(self) -> bool:
+    def subscribed(self) -> bool:
         """Whether it has subscribers; always True for a latched one."""
         return self._latched or bool(self._publisher.matching_status.matching)
 

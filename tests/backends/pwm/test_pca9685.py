@@ -392,13 +392,13 @@ def test_a_simulated_robot_moves_as_the_pulses_say_and_outlasts_faults() -> None
     simulated = SimServos(shipped(), realtime=True)
     faults = ("nack:0.02", "unplug@2", "replug@2.5", "reset@4")
     with pca9685_board(*faults, servos=simulated) as board, i2c_servos_on(board) as servos:
-        wanted_rad = servos.robot.stance_angles_rad + 0.05
+        requested_rad = servos.robot.stance_angles_rad + 0.05
 
         def within_reach(_: RobotState) -> bool:
-            return np.allclose(simulated.read().joint_positions_rad, wanted_rad, atol=0.03)
+            return np.allclose(simulated.read().joint_positions_rad, requested_rad, atol=0.03)
 
         until(servos, within_reach, offset_rad=0.05)
-        np.testing.assert_allclose(board.pulses_us(), a_map("pca9685").raw(wanted_rad), atol=2.5)
+        np.testing.assert_allclose(board.pulses_us(), a_map("pca9685").raw(requested_rad), atol=2.5)
         assert "Remote I/O error" in str(until(servos, _unhealthy, offset_rad=0.05).fault)
         until(servos, lambda state: state.healthy, write=False)
         assert (board.pulses_us() > 0).all(), "a cable that comes back leaves the robot standing"

@@ -15,7 +15,7 @@ from hexctl.backends.clock import WallClock
 from hexctl.backends.mock import MockServos
 from hexctl.control.calibration.operator import EndedError
 from hexctl.control.calibration.servo_assignment import ServoAssignment, assign_servos
-from hexctl.control.calibration.servo_trial import TEST_DEG, ServoTrial, held, try_servo, wiggle
+from hexctl.control.calibration.servo_trial import TEST_DEG, ServoTrial, softly_powered, try_servo, wiggle
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.register_servos import BusServo
 from hexctl.types import JOINT_NAMES
@@ -103,7 +103,7 @@ def test_torque_speed_and_limits_are_as_they_were() -> None:
         table = real._table
         registers = [each for each in (table.speed, table.soft_torque, table.least) if each is not None]
         before = [real.number(each) for each in registers]
-        with held(bench.servo) as start:
+        with softly_powered(bench.servo) as start:
             assert start == stance_counts(a_map(driver, model))[JOINT]
             assert real.holds
             assert table.speed is not None

@@ -11,7 +11,7 @@ import yaml
 
 from hexctl import InputError
 from hexctl.control.checks.check_options import CheckOptions
-from hexctl.control.checks.default_gait import WANTED_LIFT, walkable
+from hexctl.control.checks.default_gait import TARGET_LIFT, walkable
 from hexctl.control.checks.feasibility import GOOD_SPEED, LEAST_SPEED, RobotCheck, check_robot
 from hexctl.control.checks.gait_load import load_verdict
 from hexctl.control.planning.stance_width import stance_width
@@ -164,7 +164,7 @@ def test_the_default_gait_is_one_that_the_check_agrees_with(case: str, tmp_path:
     made = walkable(imported(tmp_path, hexapod(limits=LIMITS[case])))
     report = checked(made, tmp_path)
     assert report.possible
-    assert report.demand.speed_holds
+    assert report.demand.speed_reached
     assert not any("no default gait" in note for note in made.notes)
 
 
@@ -209,7 +209,7 @@ def test_soft_robots_step_higher(trunk_kg: str, tmp_path: Path) -> None:
     first = imported(tmp_path, hexapod(limits=limits, trunk_inertial=TRUNK.replace("1.2", trunk_kg)))
     made, kept = walkable(first), walkable(replace(first, own_gait=True))
     usual = checked(kept, tmp_path).load.lift_left
-    soft = usual < WANTED_LIFT
+    soft = usual < TARGET_LIFT
     assert soft == (trunk_kg != "1.2")
     assert (made.content["gait"]["height"] > kept.content["gait"]["height"]) == soft
     assert (checked(made, tmp_path).load.lift_left > usual) == soft

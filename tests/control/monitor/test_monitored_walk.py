@@ -123,7 +123,7 @@ def test_a_weak_joint_is_named_with_its_share_and_its_leg_walks_on() -> None:
     assert noticed.failure.torque_fraction == pytest.approx(0.5, abs=0.15)
     assert NoticedFailure.from_dict(noticed.to_dict()).in_words == noticed.in_words
     assert result.status == "ok"
-    assert not walk.believed_failures()
+    assert not walk.known_failures()
 
 
 def test_the_robot_can_stop_instead_and_says_why() -> None:
@@ -223,7 +223,7 @@ def test_a_leg_that_two_lost_ones_overload_is_taken_back(legs: tuple[int, int]) 
     assert accused.suspicion.leg == taken_back.suspicion.leg == 4
     assert (first.suspicion.leg, taken_back.healed, second.suspicion.leg) == (legs[0], True, legs[1])
     assert walk.why_stopped() is None
-    assert tuple(failure.leg for failure in walk.believed_failures()) == legs
+    assert tuple(failure.leg for failure in walk.known_failures()) == legs
 
 
 class Accuser:
@@ -249,7 +249,7 @@ def test_accusations_in_any_order_leave_each_leg_believed_once(
     walk, monitor = MonitoredWalk(start, planned_walk(start), WalkOn()), Accuser()
     walk._monitor, step = monitor, 0  # type: ignore[assignment]
     for leg, later_steps, stuck in accusations:
-        if leg in {failure.leg for failure in walk.believed_failures()}:
+        if leg in {failure.leg for failure in walk.known_failures()}:
             continue
         step += later_steps
         failure = Failure(leg=leg, kind="locked" if stuck else "missing")
@@ -257,7 +257,7 @@ def test_accusations_in_any_order_leave_each_leg_believed_once(
         monitor.new = np.arange(1, 7) == leg
         monitor.suspected = Suspicion(failure=failure, step=step, evidence=evidence, ratio=2.0)
         walk._respond(step)
-        believed = [failure.leg for failure in walk.believed_failures()]
+        believed = [failure.leg for failure in walk.known_failures()]
         assert len(set(believed)) == len(believed)
 
 
@@ -372,4 +372,4 @@ def test_a_leg_on_trial_counts_as_missing_again_when_another_fails() -> None:
     assert (tried.healed, other.suspicion.leg, again.suspicion.failure) == (True, 6, first.suspicion.failure)
     assert tried.suspicion.step < 515 < other.suspicion.step == again.suspicion.step
     assert other.response == again.response
-    assert [failure.leg for failure in walk.believed_failures()] == [5, 6]
+    assert [failure.leg for failure in walk.known_failures()] == [5, 6]

@@ -12,7 +12,7 @@ from hexctl import Failure, InputError, TrialPlan, make_gait
 from hexctl.archive import ArchiveFileError
 from hexctl.control.body_symmetry import IDENTITY
 from hexctl.control.monitor import recovery
-from hexctl.control.monitor.posture_trial import MOST_HASTE, TOLD_RISE, PostureTrial
+from hexctl.control.monitor.posture_trial import MOST_HASTE, REPORTED_RISE, PostureTrial
 from hexctl.control.monitor.recovery import GlideToStableGait, Response, StopWalking, WalkOn
 from hexctl.control.monitor.repertoire import (
     Candidate,
@@ -139,7 +139,7 @@ def test_a_robot_that_falls_short_steps_faster_while_it_knows_its_position(
     assert np.abs(np.diff(hastes)).max() <= 1 / 50 + 1e-9
     assert hastes[1500] == pytest.approx(haste, rel=0.01)
     assert hastes[-1] == 1.0
-    assert [1.0, *told][-1] == pytest.approx(haste, abs=TOLD_RISE)
+    assert [1.0, *told][-1] == pytest.approx(haste, abs=REPORTED_RISE)
 
 
 def test_the_posture_of_the_plan_is_kept() -> None:

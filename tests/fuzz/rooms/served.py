@@ -248,7 +248,7 @@ def read_answers(data: bytes) -> None:
         str(RobotIdentity.of_answer(status))
     # Clients wait for answers, and for a stop that may not be cleared yet; inputs do not.
     with patch.multiple(
-        remote, HOLD_S=0.0, MOST_OTHERS_HOLD_S=0.0, MOST_UNCLAIMED_HOLD_S=0.0, ANSWER_TIMEOUT_S=0.0
+        remote, LOCKOUT_S=0.0, MOST_OTHERS_LOCKOUT_S=0.0, MOST_UNCLAIMED_LOCKOUT_S=0.0, ANSWER_TIMEOUT_S=0.0
     ):
         uses: tuple[Callable[[], object], ...] = (
             lambda: robots.stop("mine"),

@@ -77,7 +77,7 @@ def read_gamepad(path: Path) -> None:
     for event in files.events():
         events.take(*event)
         assert all(-1 <= share <= 1 for share in events.shares)
-        _ = events.held
+        _ = events.enabled
     files.close()
     if path.stat().st_size % 8 == 0:
         button = StopButton(find=lambda: [path], now_s=lambda: 0.0)

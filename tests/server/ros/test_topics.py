@@ -302,7 +302,7 @@ class Walker:
         orientation = self.true_pose().quaternion if self.has_imu else None
         self.last = RobotSnapshot(state=state, orientation=orientation, posed_at_s=posed_at_s)
         self.index += 1
-        self.messages.follow(self.last, wanted=True)
+        self.messages.follow(self.last, subscribed=True)
         return frames(self.messages.moving_frames(self.last))
 
     def own(self) -> Frames:

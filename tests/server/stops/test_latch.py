@@ -25,10 +25,10 @@ from hexctl.server.stops.stop_socket import StopSocket
 from hexctl.wire.links import Link
 from hexctl.wire.stop import (
     DATAGRAM_FROM,
-    HOLD_S,
     LIFTED_BY_LEASE,
+    LOCKOUT_S,
     MOST_CLAIMS,
-    OTHERS_HOLD_S,
+    OTHERS_LOCKOUT_S,
     REPEATED_WITHIN_S,
     UNNAMED,
     Clear,
@@ -81,7 +81,7 @@ def test_a_request_that_is_repeated_does_not_put_off_the_clear(latch: StopLatch)
     for _ in range(100):
         latch.stop("mine")
     assert now(latch) == stop
-    assert latch.clear(stop.stop_id, stop.since_s + HOLD_S) is None
+    assert latch.clear(stop.stop_id, stop.since_s + LOCKOUT_S) is None
     assert latch.current() is None
 
 
@@ -135,7 +135,7 @@ def test_a_claimed_stop_is_cleared_quickly_by_its_key_and_not_by_its_id(latch: S
     stop = latch.stop(claim_of(key))
     for keys in ((), (new_clear_key(),), stop.claims):
         assert latch.clear(stop.stop_id, stop.since_s + 60.0, keys=keys) is not None
-    assert latch.clear(stop.stop_id, stop.since_s + HOLD_S, keys=(key,)) is None
+    assert latch.clear(stop.stop_id, stop.since_s + LOCKOUT_S, keys=(key,)) is None
     assert latch.current() is None
 
 
@@ -153,7 +153,7 @@ def test_the_client_that_was_stopped_never_clears_the_stop_without_the_key(guard
     latch.stop(claim_of(new_clear_key()), by="walker")  # to make it a stop of its own
     latch.stop("renewed", by="walker")
     stop = now(latch)
-    for at_s in (0.0, OTHERS_HOLD_S, ever_s):
+    for at_s in (0.0, OTHERS_LOCKOUT_S, ever_s):
         assert latch.clear(stop.stop_id, stop.since_s + at_s, by="walker") is not None
     guard.stop("fell")
     assert latch.clear(now(latch).stop_id, stop.since_s + ever_s, by="walker") is not None
@@ -164,7 +164,7 @@ def test_the_client_that_was_stopped_never_clears_the_stop_without_the_key(guard
 def test_a_client_clears_the_stop_that_it_asked_for_itself(guard: Guard, claim: str | None) -> None:
     latch, keys = StopLatch(guard, commander=lambda: "walker"), () if claim is None else (claim,)
     stop = latch.stop(None if claim is None else claim_of(claim), by="walker")
-    assert latch.clear(stop.stop_id, stop.since_s + HOLD_S, by="walker", keys=keys) is None
+    assert latch.clear(stop.stop_id, stop.since_s + LOCKOUT_S, by="walker", keys=keys) is None
 
 
 def test_a_robot_that_fails_after_a_claimed_stop_stays_claimed(guard: Guard, latch: StopLatch) -> None:
@@ -175,10 +175,10 @@ def test_a_robot_that_fails_after_a_claimed_stop_stays_claimed(guard: Guard, lat
 
 
 def test_a_stop_that_is_repeated_after_a_clear_by_others_holds_longer(latch: StopLatch) -> None:
-    for hold_s in (OTHERS_HOLD_S, 2 * OTHERS_HOLD_S, 4 * OTHERS_HOLD_S):
+    for lockout_s in (OTHERS_LOCKOUT_S, 2 * OTHERS_LOCKOUT_S, 4 * OTHERS_LOCKOUT_S):
         stop = latch.stop(claim_of(new_clear_key()))
-        assert latch.clear(stop.stop_id, stop.since_s + hold_s - 1.0) is not None
-        assert latch.clear(stop.stop_id, stop.since_s + hold_s) is None
+        assert latch.clear(stop.stop_id, stop.since_s + lockout_s - 1.0) is not None
+        assert latch.clear(stop.stop_id, stop.since_s + lockout_s) is None
 
 
 def test_the_age_of_a_stop_is_shown_over_a_restart_and_its_hold_begins_anew(
@@ -195,25 +195,25 @@ def test_the_age_of_a_stop_is_shown_over_a_restart_and_its_hold_begins_anew(
     stop = now(again)
     shown = stop.to_json(stop.since_s, kept=True)
     assert shown["since_s"] > 1e8
-    assert shown["others_in_s"] == HOLD_S
+    assert shown["others_in_s"] == LOCKOUT_S
     assert again.stop(by="ben").to_json(stop.since_s, kept=True)["since_s"] < 10.0
 
 
 @pytest.mark.parametrize(
-    ("claims", "repeats", "hold_s"),
+    ("claims", "repeats", "lockout_s"),
     [((), 0, 1.0), ((), 3, 8.0), ((), 6, 60.0), (("a",), 0, 120.0), (("a",), 3, 960.0), (("a",), 4, 960.0)],
 )
 def test_a_stop_holds_twice_as_long_with_each_repetition_up_to_a_bound(
-    claims: tuple[str, ...], repeats: int, hold_s: float
+    claims: tuple[str, ...], repeats: int, lockout_s: float
 ) -> None:
     stop = Stop(
         stop_id="0", reason="fell", since_s=5.0, before_start_s=7.0, by="mia", claims=claims, repeats=repeats
     )
-    assert stop.hold_s(proved=False) == hold_s
-    assert stop.hold_left_s(6.0, proved=False) == hold_s - 1.0
+    assert stop.lockout_s(proved=False) == lockout_s
+    assert stop.lockout_left_s(6.0, proved=False) == lockout_s - 1.0
     told = stop.to_json(6.0, kept=True)
-    assert (told["since_s"], told["others_in_s"]) == (8.0, hold_s - 1.0)
-    assert told["clear_in_s"] == (0.0 if claims else hold_s - 1.0), "with the keys of its claims"
+    assert (told["since_s"], told["others_in_s"]) == (8.0, lockout_s - 1.0)
+    assert told["clear_in_s"] == (0.0 if claims else lockout_s - 1.0), "with the keys of its claims"
     cleared = Clear(stop=stop, by="ben", at_s=10.0)
     assert cleared.repeats_at(10.0 + REPEATED_WITHIN_S - 0.1) == repeats + 1
     assert cleared.repeats_at(10.0 + REPEATED_WITHIN_S) == 0
@@ -223,7 +223,7 @@ def test_a_stop_holds_twice_as_long_with_each_repetition_up_to_a_bound(
 
 WALKER, MIA, BEN = "walker", "mia", "ben"
 CLIENTS = st.sampled_from((WALKER, MIA, BEN))
-WAITS_S = st.sampled_from((0.1, HOLD_S, 10.0, OTHERS_HOLD_S, 2000.0))
+WAITS_S = st.sampled_from((0.1, LOCKOUT_S, 10.0, OTHERS_LOCKOUT_S, 2000.0))
 
 
 class Promises(RuleBasedStateMachine):
@@ -340,14 +340,14 @@ class Promises(RuleBasedStateMachine):
         assert stop_id is not None, "a client cleared a stop that it has not seen"
         waited_s = self.now_s - self.asked_at_s
         proved = {claim_of(key) for key in keys} >= set(stop.claims) != set()
-        assert waited_s >= (HOLD_S if proved or not stop.claims else OTHERS_HOLD_S)
+        assert waited_s >= (LOCKOUT_S if proved or not stop.claims else OTHERS_LOCKOUT_S)
         stopped_by_others = bool(stop.claims) or stop.by not in (None, WALKER)
         assert proved or not (client == WALKER and stopped_by_others), "the client that was stopped moved on"
 
     @rule()
     def clear_together(self) -> None:
         """All who asked for the stop show their keys, in time."""
-        self.pass_by(OTHERS_HOLD_S)
+        self.pass_by(OTHERS_LOCKOUT_S)
         keys = tuple(set().union(*self.keys.values()))
         self.clear_shown(BEN, self.stop_id(), keys)
 

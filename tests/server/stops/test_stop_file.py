@@ -14,7 +14,7 @@ from hexctl.server.stops import stop_file
 from hexctl.server.stops.latch import StopLatch
 from hexctl.server.stops.stop_file import BLOCK_BYTES, StopFile
 from hexctl.waiting import comes_true
-from hexctl.wire.stop import HOLD_S, MAX_BY, MOST_CLAIMS, Stop, claim_of
+from hexctl.wire.stop import LOCKOUT_S, MAX_BY, MOST_CLAIMS, Stop, claim_of
 from tests.control.posed import connected
 
 #: The server that was begun last.
@@ -50,7 +50,7 @@ def current(latch: StopLatch) -> Stop:
 def cleared(latch: StopLatch) -> None:
     """Clear the stop in force as soon as that is allowed."""
     stop = current(latch)
-    assert latch.clear(stop.stop_id, stop.since_s + 10 * HOLD_S) is None
+    assert latch.clear(stop.stop_id, stop.since_s + 10 * LOCKOUT_S) is None
 
 
 @pytest.mark.parametrize("reason", ["estop", "fault: low battery 9.5 V"])
@@ -69,7 +69,7 @@ def test_a_stop_is_there_after_a_restart_with_its_id_until_it_is_cleared(tmp_pat
     assert (again.stop_id, again.reason) == (stop.stop_id, reason)
     assert reason in file.warnings[0]
     assert latch.clear(again.stop_id, again.since_s) is not None, "it is held again"
-    assert latch.clear(again.stop_id, again.since_s + HOLD_S) is None
+    assert latch.clear(again.stop_id, again.since_s + LOCKOUT_S) is None
     latch.close()
 
     guard, latch, file = begun(tmp_path / "state")

@@ -19,7 +19,7 @@ from hexctl.server.stops.stop_socket import MOST_NONCES, AnsweredNonces, StopSoc
 from hexctl.waiting import comes_true
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import Link, Role
-from hexctl.wire.stop import OTHERS_HOLD_S
+from hexctl.wire.stop import OTHERS_LOCKOUT_S
 from hexctl.wire.stop_datagram import (
     DATAGRAM_BYTES,
     SECRET_FILE,
@@ -124,7 +124,7 @@ def test_a_stop_needs_the_epoch_of_now_and_a_replay_is_worth_nothing(bench: Benc
     for _ in range(200):
         assert bench.stop_socket.answer(recorded) is not None
     assert bench.latch.current() == stop, "a replay neither renews the id nor puts off the clear"
-    assert bench.latch.clear(stop.stop_id, stop.since_s + OTHERS_HOLD_S) is None
+    assert bench.latch.clear(stop.stop_id, stop.since_s + OTHERS_LOCKOUT_S) is None
     for _ in range(200):
         bench.stop_socket.answer(recorded)
     assert bench.guard.stopped is None

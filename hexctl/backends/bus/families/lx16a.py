@@ -16,7 +16,7 @@ import numpy as np
 from hexctl.backends.bus.family import Family
 from hexctl.backends.bus.packet_line import TIMEOUT_TIMES, PacketLine
 from hexctl.backends.bus.packets import PacketFormat, SumPackets
-from hexctl.backends.bus.servo import NO_GAIN, OFFSET, TRIES, FoundServo, Servo, ServoSettings
+from hexctl.backends.bus.servo import NO_GAIN, OFFSET, TRIES, ScannedServo, Servo, ServoSettings
 from hexctl.backends.bus.servo_bus import BusCounters, Report, ServoBus
 from hexctl.backends.bus.servo_type import ServoType
 from hexctl.types import BoolArray, FloatArray
@@ -100,11 +100,11 @@ def signed_number(parameters: bytes) -> int:
 class Lx16aServo(Servo):
     """One servo without a torque limit; each move has a duration."""
 
-    def look(self) -> FoundServo:
+    def look(self) -> ScannedServo:
         """Identity and readings of the servo."""
         position, millivolts = self.position(), self.number(READ_VOLTAGE)
         limits_mv = self._pair(READ_VOLTAGE_LIMITS)
-        return FoundServo(
+        return ScannedServo(
             servo_id=self.servo_id,
             baud=self._packets.line.baud,
             model=None,

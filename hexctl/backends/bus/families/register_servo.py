@@ -8,7 +8,7 @@ from typing import Self
 from hexctl.backends.bus.families.registers import Register, RequiredValue, bit_words
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import READ, REBOOT, WRITE, StatusPacket
-from hexctl.backends.bus.servo import NO_GAIN, OFFSET, TRIES, FoundServo, Servo, ServoSettings
+from hexctl.backends.bus.servo import NO_GAIN, OFFSET, TRIES, ScannedServo, Servo, ServoSettings
 from hexctl.backends.bus.servo_type import ServoType
 
 #: Message for a silent servo.
@@ -132,7 +132,7 @@ class RegisterServo(Servo):
         """Reported model number; None without an answer."""
         return self.read_twice(self.table.model)
 
-    def look(self) -> FoundServo:
+    def look(self) -> ScannedServo:
         """Identity and readings of the servo."""
         answer = self._answer(*self.table.block)
         error = "" if answer is None else self.table.complaint(answer.error)
@@ -142,7 +142,7 @@ class RegisterServo(Servo):
         position, load, current_a, voltage_v, temperature_c = (
             None if math.isnan(each) else each for each in numbers
         )
-        return FoundServo(
+        return ScannedServo(
             servo_id=self.servo_id,
             baud=self._packets.line.baud,
             model=self.type.name if self._known else None,

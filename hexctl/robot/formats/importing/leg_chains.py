@@ -9,7 +9,7 @@ import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.robot.formats.importing.link_tree import LinkTree, TreeJoint
-from hexctl.robot.rotations import frame_of, placed_points, quaternion_about
+from hexctl.robot.rotations import frame_of, quaternion_about, transformed_points
 from hexctl.types import JOINTS_PER_LEG, N_LEGS, FloatArray
 
 #: Tolerance of axes: files write 1.5707, and mounts lean a little.
@@ -24,10 +24,10 @@ MOST_HINGES = 12
 Chain = tuple[TreeJoint, ...]
 
 
-def held_text(held_rad: Mapping[str, float]) -> str:
+def fixed_text(fixed_rad: Mapping[str, float]) -> str:
     """Names of held hinges with their angles."""
     names: dict[str, list[str]] = {}
-    for name, angle_rad in held_rad.items():
+    for name, angle_rad in fixed_rad.items():
         names.setdefault(f"{math.degrees(angle_rad):.4g} deg", []).append(name)
     return "; ".join(f"{', '.join(of_angle)} at {angle}" for angle, of_angle in names.items())
 
@@ -40,15 +40,15 @@ def with_three_hinges(tree: LinkTree) -> tuple[LinkTree, dict[str, float]]:
 
     Raises InputError for legs of more hinges of which no three are those of a leg.
     """
-    held_rad: dict[str, float] = {}
+    fixed_rad: dict[str, float] = {}
     while len(_three_hinges(tree)) != N_LEGS and (long := _long_chains(tree)):
         _check_independent(long)
         index = _least_index(tree, long)
-        held = [chain[index] for chain in long]
-        held_rad |= {joint.name: _angle_rad(tree, joint) for joint in held}
-        joints = {joint.child: _fixed(joint, held_rad[joint.name]) for joint in held}
+        fixed = [chain[index] for chain in long]
+        fixed_rad |= {joint.name: _angle_rad(tree, joint) for joint in fixed}
+        joints = {joint.child: _fixed(joint, fixed_rad[joint.name]) for joint in fixed}
         tree = replace(tree, joints=tree.joints | joints)
-    return tree, held_rad
+    return tree, fixed_rad
 
 
 def _long_chains(tree: LinkTree) -> list[Chain]:
@@ -219,7 +219,7 @@ def _points(tree: LinkTree, at: FloatArray, link: str) -> FloatArray:
     """Origin of a link and ends of its solids in another frame, (N, 3) in m."""
     frame = at @ tree.frame_in_root(link)
     solids = tree.links[link].solids
-    return np.vstack([frame[:3, 3], *(placed_points(solid.ends, frame) for solid in solids)])
+    return np.vstack([frame[:3, 3], *(transformed_points(solid.ends, frame) for solid in solids)])
 
 
 def _turns_as_a_leg(tree: LinkTree, chain: Chain) -> bool:

@@ -35,7 +35,7 @@ MOST_LAG_S = 0.2
 #: Error of a joint at full torque, about 5 degrees, as common digital servos are set.
 USUAL_ERROR_RAD = 0.085
 
-_NOT_HELD = "descriptions do not hold it"
+_NOT_DESCRIBED = "descriptions do not have it"
 
 _UNITS = "; descriptions count in radians: are these degrees?"
 
@@ -283,7 +283,7 @@ class LegImport:
         stiffness = self._stiffness(joints, torque_nm)
         damping, rotor_inertia = self._damping(stiffness), self._mean("rotor_inertia_kg_m2")
         if rotor_inertia is None:
-            self._findings.reasons["servo.rotor_inertia_kg_m2"] = _NOT_HELD
+            self._findings.reasons["servo.rotor_inertia_kg_m2"] = _NOT_DESCRIBED
             rotor_inertia = 0.002 * torque_nm / USUAL_TORQUE_NM
         servo = {
             "stiffness_nm_per_rad": stiffness,
@@ -307,7 +307,7 @@ class LegImport:
         found = [self._mean("stiffness_nm_per_rad", index) for index in range(len(joints))]
         known = [value for value in found if value is not None]
         if len(known) < len(found):
-            self._findings.reasons["servo.stiffness_nm_per_rad"] = _NOT_HELD
+            self._findings.reasons["servo.stiffness_nm_per_rad"] = _NOT_DESCRIBED
             return torque_nm / USUAL_ERROR_RAD
         for section, value in zip(joints.values(), known, strict=True):
             if abs(value / known[-1] - 1) > 1e-6:
@@ -315,7 +315,7 @@ class LegImport:
         return known[-1]
 
     def _damping(self, stiffness: float) -> float:
-        known, reason = self._mean("control_nm_s_per_rad"), _NOT_HELD
+        known, reason = self._mean("control_nm_s_per_rad"), _NOT_DESCRIBED
         if known is not None and known <= MOST_LAG_S * stiffness:
             return known
         if known is not None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hexctl.robot.rotations import placed_points
+from hexctl.robot.rotations import transformed_points
 from hexctl.types import FloatArray
 
 HINGES = ("revolute", "continuous")
@@ -52,14 +52,14 @@ class Solid:
             points = np.array([np.eye(3)[axis] * end * self.size_m[axis] / 2 for end in (-1, 1)])
         else:
             points = np.array([[0, 0, end * self.size_m[1] / 2] for end in (-1, 1)])
-        return placed_points(points, self.frame)
+        return transformed_points(points, self.frame)
 
     def bounds(self, frame: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Lowest and highest coordinates, (3,) each in m, if the frame of the link is (4, 4)."""
         placed = frame @ self.frame
         turn, centre = placed[:3, :3], placed[:3, 3]
         if self.points_m is not None:
-            points = placed_points(self.points_m, placed)
+            points = transformed_points(self.points_m, placed)
             return points.min(axis=0), points.max(axis=0)
         half = self._half(turn)
         return centre - half, centre + half

@@ -20,7 +20,7 @@ import numpy as np
 from hexctl.files import is_file, is_folder, read_file
 from hexctl.robot.formats.xml_text import parse_xml
 from hexctl.robot.meshes import STL_HEAD, STL_TRIANGLE
-from hexctl.robot.rotations import frame_of, placed_points, quaternion_about
+from hexctl.robot.rotations import frame_of, quaternion_about, transformed_points
 from hexctl.types import FloatArray
 
 #: Maximum size of a mesh, and of all meshes of a description; text counts more, because it takes longer.
@@ -176,7 +176,7 @@ def collada_points(content: bytes) -> FloatArray:
         places = _placed_geometries(scene, ids)
     else:
         places = ((one, np.eye(4)) for one in root.findall("{*}library_geometries/{*}geometry"))
-    found = [placed_points(_vertices(geometry), at) for geometry, at in places]
+    found = [transformed_points(_vertices(geometry), at) for geometry, at in places]
     return metre * np.concatenate([np.zeros((0, 3)), *found])
 
 

@@ -14,7 +14,7 @@ from hexctl.files import read_file
 from hexctl.robot.formats.importing.import_values import Findings, least_mass_kg, rounded
 from hexctl.robot.formats.importing.leg_chains import (
     AXIS_TOLERANCE_RAD,
-    held_text,
+    fixed_text,
     leg_chains,
     with_three_hinges,
 )
@@ -53,7 +53,7 @@ SAME_MASS = 1e-4
 LEAST_FOOT = 0.08
 
 #: A stance with a nearly level femur and a steep tibia, and the room that its joints are to have.
-WANTED_SLOPES_RAD, WANTED_ROOM_RAD = (math.radians(20), math.radians(-75)), math.radians(15)
+TARGET_SLOPES_RAD, TARGET_ROOM_RAD = (math.radians(20), math.radians(-75)), math.radians(15)
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,8 +150,8 @@ def import_robot(
             f"{argument('name')}: got {name}; allowed: up to 40 lower case letters, digits, hyphens and "
             "underscores, first a letter or digit"
         )
-    tree, held_rad = with_three_hinges(_read(Path(path)))
-    made = _imports(tree, held_rad, forward, None if foot_m is None else np.array(foot_m))
+    tree, fixed_rad = with_three_hinges(_read(Path(path)))
+    made = _imports(tree, fixed_rad, forward, None if foot_m is None else np.array(foot_m))
     chosen = next((one for one in made if one.stances), None)
     if chosen is None:
         raise InputError(
@@ -162,13 +162,13 @@ def import_robot(
 
 
 def _imports(
-    tree: LinkTree, held_rad: Mapping[str, float], forward: str | None, foot_m: FloatArray | None
+    tree: LinkTree, fixed_rad: Mapping[str, float], forward: str | None, foot_m: FloatArray | None
 ) -> "list[_Import]":
     """Imports for both directions of the vertical: first the root's z axis, or else away from the feet."""
     fronts = _fronts(tree, forward)
     facings = [front.frame for front in fronts]
     legs = [with_middle_coxae(with_one_zero(find_legs(tree, facing, foot_m))) for facing in facings]
-    made = [_Import(tree, one, front, held_rad) for one, front in zip(legs, fronts, strict=True)]
+    made = [_Import(tree, one, front, fixed_rad) for one, front in zip(legs, fronts, strict=True)]
     if facings[0][2, 2] < math.cos(AXIS_TOLERANCE_RAD):
         made.sort(key=lambda one: one.feet_up_m)
     return made
@@ -248,15 +248,15 @@ def _facing(up: FloatArray, ahead: FloatArray) -> FloatArray:
 
 class _Import:
     def __init__(
-        self, tree: LinkTree, legs: list[TreeLeg], front: _Front, held_rad: Mapping[str, float]
+        self, tree: LinkTree, legs: list[TreeLeg], front: _Front, fixed_rad: Mapping[str, float]
     ) -> None:
         facing = front.frame
-        self._tree, self._legs, self._facing, self._held_rad = tree, legs, facing, held_rad
+        self._tree, self._legs, self._facing, self._fixed_rad = tree, legs, facing, fixed_rad
         self._findings = Findings()
-        if held_rad:
+        if fixed_rad:
             self._findings.notes.append(
-                f"the legs have {len(JOINT_KINDS) + len(held_rad) // len(legs)} hinges, of which hexctl "
-                f"moves {len(JOINT_KINDS)}: hold {held_text(held_rad)}; to hold others, make those `fixed` "
+                f"the legs have {len(JOINT_KINDS) + len(fixed_rad) // len(legs)} hinges, of which hexctl "
+                f"moves {len(JOINT_KINDS)}: hold {fixed_text(fixed_rad)}; to hold others, make those `fixed` "
                 "in the description"
             )
         self._parts = LegImport(tree, legs, facing, self._findings)
@@ -389,8 +389,8 @@ class _Import:
                 for joint, sign, zero_rad in zip(leg.joints, leg.signs, leg.zeros_rad, strict=True)
             ]
             lines.append(f"  leg {number}: {', '.join(names)}")
-        if self._held_rad:
-            lines.append(f"Not moved, to be held: {held_text(self._held_rad)}.")
+        if self._fixed_rad:
+            lines.append(f"Not moved, to be held: {fixed_text(self._fixed_rad)}.")
         if np.abs(self._origin_m).max() > 1e-6:
             x, y, z = (np.linalg.inv(self._facing)[:3, :3] @ self._origin_m).tolist()
             lines.append(f"The body frame is at {x:.4f}, {y:.4f}, {z:.4f} m in that of {self._tree.root}.")
@@ -413,8 +413,8 @@ class _Import:
             room_rad = self._room_rad((coxa, femur, tibia), foot)
             if room_rad <= 0 or min(foot[0], -foot[1]) < least_m:
                 continue
-            off = math.hypot(femur_rad - WANTED_SLOPES_RAD[0], tibia_rad - WANTED_SLOPES_RAD[1])
-            places.append((off + max(0.0, WANTED_ROOM_RAD - room_rad) * 4, foot))
+            off = math.hypot(femur_rad - TARGET_SLOPES_RAD[0], tibia_rad - TARGET_SLOPES_RAD[1])
+            places.append((off + max(0.0, TARGET_ROOM_RAD - room_rad) * 4, foot))
         own = self._own_stance((coxa, femur, tibia))
         feet = [own] if own is not None else []
         feet += [foot for _, foot in sorted(places)]

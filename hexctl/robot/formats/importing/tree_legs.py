@@ -16,7 +16,7 @@ from hexctl.robot.formats.importing.leg_chains import (
     leg_chains,
 )
 from hexctl.robot.formats.importing.link_tree import LinkTree, TreeJoint
-from hexctl.robot.rotations import placed_points
+from hexctl.robot.rotations import transformed_points
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, ArrayFields, FloatArray
 
 #: Shorter coxae do not show the direction of a leg.
@@ -177,7 +177,7 @@ def _far_end(tree: LinkTree, tips: list[str], knee: FloatArray) -> tuple[FloatAr
     ends = list(marks)
     for name, frame in frames.items():
         for solid in tree.links[name].solids:
-            points = placed_points(solid.ends, frame)
+            points = transformed_points(solid.ends, frame)
             ends += list(_outermost(points)) if solid.kind == "mesh" else list(points)
             if solid.kind == "sphere":
                 spheres.append((points[0], solid.size_m[0]))
