@@ -19,7 +19,7 @@ POLL_S = 0.01
 SELECTABLE = 1024
 
 
-def never_requested() -> bool:
+def never_stop() -> bool:
     """Request no stop."""
     return False
 

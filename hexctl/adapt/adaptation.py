@@ -51,7 +51,7 @@ from hexctl.gait.gait import AUTO, NAMED_SLOTS
 from hexctl.options import check_names
 from hexctl.recording.live import LiveView
 from hexctl.recording.rrd import check_utf8
-from hexctl.waiting import StopRequested, never_requested
+from hexctl.waiting import StopRequested, never_stop
 
 OnBegin = Callable[[Session], None]
 
@@ -213,7 +213,7 @@ class Adaptation:
         *,
         on_begin: OnBegin | None = None,
         on_stored: OnStored | None = None,
-        stop_requested: StopRequested = never_requested,
+        stop_requested: StopRequested = never_stop,
     ) -> AdaptationResult:
         """Search until the session ends; the result reports trouble with the robot or the recordings.
 
@@ -374,7 +374,7 @@ def adapt(
     note: Note = log_note,
     on_stored: OnStored | None = None,
     progress: bool = True,
-    stop_requested: StopRequested = never_requested,
+    stop_requested: StopRequested = never_stop,
     **options: Any,
 ) -> AdaptationResult:
     """Find a gait for a failed leg, as `hexctl adapt` does; also called as `hexctl.adapt(...)`.

@@ -32,7 +32,7 @@ from hexctl.gait.encoding import Slots
 from hexctl.recording.live import LiveView
 from hexctl.recording.recording import Recording
 from hexctl.robot.failure import NoticedFailure, in_words, loses_leg
-from hexctl.waiting import StopRequested, never_requested
+from hexctl.waiting import StopRequested, never_stop
 
 
 class InterruptedTrialError(Exception):
@@ -125,7 +125,7 @@ class TrialRunner:
     spec: SessionSpec
     setting: Setting
     folder: Path | None
-    stop_requested: StopRequested = never_requested
+    stop_requested: StopRequested = never_stop
     live: LiveView | None = None
 
     def walk(self, request: TrialRequest) -> WalkedTrial:

@@ -20,7 +20,7 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
-from hexctl.waiting import StopRequested, never_requested
+from hexctl.waiting import StopRequested, never_stop
 
 #: Last share of the settling time, over which deflections are averaged: the robot should be at rest by then.
 AT_REST = 0.25
@@ -59,7 +59,7 @@ def with_stance(
 
 
 def stance_deflection_rad(
-    servos: Guard, plan: TrialPlan, stop_requested: StopRequested = never_requested
+    servos: Guard, plan: TrialPlan, stop_requested: StopRequested = never_stop
 ) -> FloatArray | None:
     """Stand as before a trial of a plan, without its turn, and observe the static deflection of the joints.
 

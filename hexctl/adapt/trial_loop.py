@@ -29,7 +29,7 @@ from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError, InputError, RecordingError, argument
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import NAMED_SLOTS
-from hexctl.waiting import StopRequested, never_requested
+from hexctl.waiting import StopRequested, never_stop
 
 #: Ticks between two stored points of a path: 5 Hz.
 PATH_STRIDE = 10
@@ -61,7 +61,7 @@ class AdaptLoop:
     walk: WalkTrial
     _: KW_ONLY
     objective: Objective = OBJECTIVES["final"]
-    stop_requested: StopRequested = never_requested
+    stop_requested: StopRequested = never_stop
     on_stored: OnStored | None = None
     usual_slots: Mapping[str, Slots] = field(default_factory=lambda: NAMED_SLOTS)
     margin_m_of: Callable[[Slots], float | None] = lambda _slots: None

@@ -8,7 +8,7 @@ from typing import Any, Self
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.servos.drivers import BAUD
 from hexctl.time_source import WALL_TIME, TimeSource
-from hexctl.waiting import StopRequested, comes_true, never_requested
+from hexctl.waiting import StopRequested, comes_true, never_stop
 
 #: Folder with names of ports that stay, whichever socket an adapter is plugged into.
 BY_ID = Path("/dev/serial/by-id")
@@ -110,7 +110,7 @@ def unplugged_port(
     before: list[SerialPort],
     *,
     timeout_s: float,
-    stop_requested: StopRequested = never_requested,
+    stop_requested: StopRequested = never_stop,
     time: TimeSource = WALL_TIME,
 ) -> SerialPort | None:
     """The port that disappears when a cable is pulled; None if a stop is requested first.

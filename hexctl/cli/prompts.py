@@ -12,7 +12,7 @@ from hexctl.adapt.sessions.walk_records import BASELINE_INDEX
 from hexctl.cli.console import print_note, print_question
 from hexctl.control.calibration.operator import EndedError
 from hexctl.errors import InputError
-from hexctl.waiting import StopRequested, never_requested
+from hexctl.waiting import StopRequested, never_stop
 
 #: Interval at which a wait for a line checks for a stop.
 LOOK_S = 0.1
@@ -152,7 +152,7 @@ class StdinLines:
         self.ended = False
         self._pending = b""
 
-    def ask(self, question: str, stop_requested: StopRequested = never_requested) -> str | None:
+    def ask(self, question: str, stop_requested: StopRequested = never_stop) -> str | None:
         """Print a question and wait for its answer; None after the last line or a requested stop."""
         print_question(question)
         while (line := self.poll(LOOK_S)) is None:

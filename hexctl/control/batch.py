@@ -94,8 +94,6 @@ class SimTrial:
     ) -> None:
         check_type(plan, TrialPlan, "trial.plan", "a TrialPlan")
         broken = checked_failures(failures, "trial.failures")
-        check_type(seed, int, "trial.seed")
-        check_type(facing_rad, float, "trial.facing_rad")
         values = (
             *(as_robot(robot), plan, broken, as_world(world), seed, facing_rad, tuple(events)),
             trial,
@@ -171,7 +169,6 @@ def run_sim_trials(
     18).
     """
     check_type(trials, Sequence, "trials", "a sequence of SimTrials")
-    check_type(threads, int, "threads", "a whole number, 0 for all cores")
     check_callable(make_controller, "make_controller", CONTROLLERS)
     check_controller(make_controller)
     for trial in trials:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hexctl.errors import LimitError, ReachError, check_type
+from hexctl.errors import LimitError, ReachError
 from hexctl.gait.foot_trajectory import (
     RAMP_DURATION_S,
     StepPattern,
@@ -104,7 +104,6 @@ class Stand(Controller):
         *,
         end_rad: FloatArray | None = None,
     ) -> None:
-        check_type(robot, Robot, "robot", "a Robot, as load_robot('ant') gives")
         self._start_rad = start_rad
         self._end_rad = robot.stance_angles_rad if end_rad is None else end_rad
         self._steps = max(1, steps)
@@ -134,14 +133,10 @@ class Walk(Controller):
         period_s: float,
         held_legs: HeldLegs = (),
     ) -> None:
-        check_type(robot, Robot, "robot", "a Robot, as load_robot('ant') gives")
         self._robot, self._period_s, self._held = robot, period_s, held_joints(held_legs)
         alone = isinstance(gaits, Gait)
         each = [gaits] if isinstance(gaits, Gait) else list(gaits)
         ways = [motions] if isinstance(motions, Motion) else list(motions)
-        for gait, motion in zip(each, ways, strict=True):
-            check_type(gait, Gait, "gait", "a Gait, as make_gait(robot, 'tripod') gives")
-            check_type(motion, Motion, "motion", "a Motion, as Motion(heading_rad=0.5)")
         pick = 0 if alone else slice(None)
         self._strokes = np.stack(
             [stroke_vectors_m(robot, gait, motion) for gait, motion in zip(each, ways, strict=True)]

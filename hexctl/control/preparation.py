@@ -29,7 +29,7 @@ from hexctl.gait.gait import Motion
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import ArrayFields, FloatArray, JointTargets, RobotState
-from hexctl.waiting import StopRequested, never_requested
+from hexctl.waiting import StopRequested, never_stop
 
 #: Rest between the self-rotation and the walk.
 PAUSE_S = 0.5
@@ -80,7 +80,7 @@ def prepare(
     servos: Guard, plan: TrialPlan, recorders: Recorders | Sequence[Recorder | TickLog] = ()
 ) -> WalkStart:
     """Settle in the stance and turn the failed leg away; raises what `run_controller` raises."""
-    return Preparation(Phases(servos, Recorders.of(recorders)), plan, never_requested).run()
+    return Preparation(Phases(servos, Recorders.of(recorders)), plan, never_stop).run()
 
 
 def ticks_of(servos: LegServos, duration_s: float) -> int:

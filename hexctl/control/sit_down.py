@@ -7,7 +7,7 @@ from hexctl.control.controllers import SITTING_S, sitting_angles_rad
 from hexctl.control.guard import Guard
 from hexctl.errors import CommandRefusedError, EStopError
 from hexctl.types import JointTargets
-from hexctl.waiting import StopRequested, never_requested
+from hexctl.waiting import StopRequested, never_stop
 
 
 class SittingMotion:
@@ -32,7 +32,7 @@ class SittingMotion:
 
 
 def sit_down(
-    guard: Guard, stop_requested: StopRequested = never_requested, poll: Callable[[], None] | None = None
+    guard: Guard, stop_requested: StopRequested = never_stop, poll: Callable[[], None] | None = None
 ) -> None:
     """Lower the body and let the joints go limp, if the guard stopped the robot for heat or a low battery.
 

@@ -40,7 +40,7 @@ from hexctl.errors import (
 )
 from hexctl.robot.failure import NoticedFailure
 from hexctl.types import FloatArray, JointTargets, RobotState
-from hexctl.waiting import StopRequested, never_requested
+from hexctl.waiting import StopRequested, never_stop
 
 #: Ticks between two calls of `should_stop`.
 LOOK_TICKS = 50
@@ -98,7 +98,7 @@ def run_trial(
     controller: CustomController | None = None,
     recorders: Recorders | Sequence[Recorder | TickLog] = (),
     *,
-    stop_requested: StopRequested = never_requested,
+    stop_requested: StopRequested = never_stop,
     should_stop: ShouldStop | None = None,
     soft_stop: bool = True,
 ) -> TrialResult:

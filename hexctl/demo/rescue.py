@@ -27,7 +27,7 @@ from hexctl.files import ALLOWED_FOLDER, check_writable, folder_trouble
 from hexctl.robot.failure import FailureEvent
 from hexctl.robot.failure_grammar import parse_failure_event
 from hexctl.runs.run import RunResult, run
-from hexctl.waiting import StopRequested, never_requested
+from hexctl.waiting import StopRequested, never_stop
 
 #: The robot, its gait on six legs, and the world. Worlds of this family from 500 on are held out. This is
 #: the first in which the failure shows: without recovery, the robot covers at most 70 % of the distance, and
@@ -107,7 +107,7 @@ def demo(
     on_walk: OnWalk | None = None,
     on_begin: OnBegin | None = None,
     on_stored: OnStored | None = None,
-    stop_requested: StopRequested = never_requested,
+    stop_requested: StopRequested = never_stop,
 ) -> DemoResult:
     """Let a leg fail during a walk, recover, search for a gait of the others, and draw the walks as a race.
 
@@ -152,11 +152,7 @@ def demo(
 
 
 def walk_and_fail(
-    recovery: str,
-    recording: Path | None,
-    *,
-    world: str = WORLD,
-    stop_requested: StopRequested = never_requested,
+    recovery: str, recording: Path | None, *, world: str = WORLD, stop_requested: StopRequested = never_stop
 ) -> RunResult:
     """Walk on the line until the leg of the demo fails, and continue by a recovery; None records nothing."""
     try:

@@ -172,7 +172,9 @@ class StepPattern(ArrayFields):
             amplitude_m=stacked([gait.amplitude * robot.size_m for gait in each]),
             height_m=stacked([[gait.height * robot.size_m] for gait in each]),
             posture_m=stacked([posture_offsets_m(robot, one) for one in postures]),
-            stepping=stacked([_stepping(posture) for posture in postures]),
+            stepping=stacked(
+                [[float(leg not in one.tucked_legs) for leg in range(1, N_LEGS + 1)] for one in postures]
+            ),
             swing_share=None if third else stacked([[gait.swing_share] for gait in each]),
         )
 
@@ -197,10 +199,6 @@ def posture_offsets_m(robot: Robot, posture: Posture) -> FloatArray:
     tucked = [leg - 1 for leg in posture.tucked_legs]
     offsets[tucked] = 0.0, 0.0, TUCK_HEIGHT * robot.size_m
     return offsets
-
-
-def _stepping(posture: Posture) -> list[float]:
-    return [float(leg not in posture.tucked_legs) for leg in range(1, N_LEGS + 1)]
 
 
 def feet_at_phases(

@@ -12,7 +12,7 @@ from hexctl.identify.stand_motions import StandMotions
 from hexctl.options import check_names
 from hexctl.runs.run import Run, RunResult
 from hexctl.runs.run_spec import RunSpec
-from hexctl.waiting import StopRequested, never_requested
+from hexctl.waiting import StopRequested, never_stop
 
 
 class IdentificationRun(Run):
@@ -50,7 +50,7 @@ class IdentificationRun(Run):
         return StandMotions(self.robot, PERIOD_S).duration_s
 
 
-def move_on_stand(*, stop_requested: StopRequested = never_requested, **where: Any) -> RunResult:
+def move_on_stand(*, stop_requested: StopRequested = never_stop, **where: Any) -> RunResult:
     """Make the motions on a stand and record them; `where` are fields of `RecordedOptions`.
 
     Raises InputError before anything moves, RobotFaultError for a robot or a link that fails.

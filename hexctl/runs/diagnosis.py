@@ -17,7 +17,7 @@ from hexctl.options import check_names
 from hexctl.robot.failure_grammar import option_of, read_failures_before
 from hexctl.runs.run import Run, RunResult
 from hexctl.runs.run_spec import RunSpec
-from hexctl.waiting import StopRequested, never_requested
+from hexctl.waiting import StopRequested, never_stop
 
 #: Time to reach the stance and to settle before the first probe.
 SETTLE_S = 0.8
@@ -73,7 +73,7 @@ class DiagnosisRun(Run):
         self,
         *,
         ask: AskOperator | None = None,
-        stop_requested: StopRequested = never_requested,
+        stop_requested: StopRequested = never_stop,
     ) -> DiagnosisResult:
         """Make the standing test and judge it; arguments as in `diagnose`.
 
@@ -134,7 +134,7 @@ class DiagnosisRun(Run):
 def diagnose(
     *,
     ask: AskOperator | None = None,
-    stop_requested: StopRequested = never_requested,
+    stop_requested: StopRequested = never_stop,
     **where: Any,
 ) -> DiagnosisResult:
     """Find the failed leg of a standing robot: `diagnose(failure="5:limp:femur")`.

@@ -29,7 +29,7 @@ from hexctl.control.log import (
 from hexctl.control.monitor.monitored_walk import watched_walk
 from hexctl.control.planning.leg_sets import doubt, drag, leg_set
 from hexctl.control.trial import ShouldStop, run_trial
-from hexctl.control.trial_plan import AUTO_ROTATION, PLAIN_TASK, TrialPlan
+from hexctl.control.trial_plan import AUTO_ROTATION, PLAIN_TASK
 from hexctl.control.trial_result import TrialResult
 from hexctl.control.walks.ground_contact import contact_notes
 from hexctl.control.walks.turning import body_heading_rad, check_plan
@@ -43,7 +43,7 @@ from hexctl.robot.model import Robot
 from hexctl.runs.outcome import events_seen, failure_values, gait_values, tick_values, world_text
 from hexctl.runs.run_spec import RunSpec, spec_of
 from hexctl.runs.walk_plan import plan_walk
-from hexctl.waiting import StopRequested, comes_true, never_requested
+from hexctl.waiting import StopRequested, comes_true, never_stop
 
 if TYPE_CHECKING:
     from hexctl.control.custom_controller import CustomController
@@ -108,7 +108,9 @@ class Run:
         self._world = world if isinstance(world, World) else load_world(world)
         self._recovery = spec.made_recovery(failures_come=bool(spec.events or self._world.events))
         # A robot that stands ready must not wait for it.
-        for plan in _as_it_may_stand(self.robot, self.plan):
+        heading_rad = body_heading_rad(self.robot, self.plan)
+        for off_rad in (0.0, -MISS_RAD, MISS_RAD):
+            plan = replace(self.plan, heading_rad=heading_rad + off_rad)
             self._recovery.prepare(self.robot, plan, plan.heading_rad)
         self.broken = spec.failures
         self.notes: tuple[str, ...] = ()
@@ -198,7 +200,7 @@ class Run:
         self,
         *,
         recorders: Sequence[Recorder] = (),
-        stop_requested: StopRequested = never_requested,
+        stop_requested: StopRequested = never_stop,
         should_stop: ShouldStop | None = None,
     ) -> RunResult:
         """Walk as specified; arguments as in `run`. An end before the first command leaves no recording.
@@ -342,18 +344,12 @@ class Run:
         return self._world.events if self.spec.simulated else ()
 
 
-def _as_it_may_stand(robot: Robot, plan: TrialPlan) -> list[TrialPlan]:
-    """The plan with its heading in the body, and with the tolerance of a self-rotation to either side."""
-    heading_rad = body_heading_rad(robot, plan)
-    return [replace(plan, heading_rad=heading_rad + off_rad) for off_rad in (0.0, -MISS_RAD, MISS_RAD)]
-
-
 def run(
     spec: RunSpec | None = None,
     *,
     controller: "CustomController | None" = None,
     recorders: Sequence[Recorder] = (),
-    stop_requested: StopRequested = never_requested,
+    stop_requested: StopRequested = never_stop,
     should_stop: ShouldStop | None = None,
     **options: Any,
 ) -> RunResult:

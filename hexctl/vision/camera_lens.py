@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from hexctl.errors import InputError, argument
 from hexctl.options import RARE, UNTYPED, Typed, check_fields
 from hexctl.vision.camera_options import VideoOptions, check_new_file
-from hexctl.waiting import StopRequested, never_requested
+from hexctl.waiting import StopRequested, never_stop
 
 if TYPE_CHECKING:
     from hexctl.vision.detection.lens_calibration import CalibratedLens, LensCalibration
@@ -53,7 +53,7 @@ class CameraLens(VideoOptions):
 
     def run(
         self,
-        stop_requested: StopRequested = never_requested,
+        stop_requested: StopRequested = never_stop,
         *,
         on_view: "Callable[[LensCalibration], None]" = lambda _: None,
         on_event: Callable[[str], None] = lambda _: None,

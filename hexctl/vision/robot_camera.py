@@ -97,7 +97,7 @@ class RobotCamera(PlaceOptions):
 
     def run(
         self,
-        stop_requested: StopRequested = never_requested,
+        stop_requested: StopRequested = never_stop,
         *,
         on_started: Callable[[CameraStarted], None] = lambda _: None,
         on_pose: "Callable[[PoseEstimate], None]" = lambda _: None,

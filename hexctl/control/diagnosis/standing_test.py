@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hexctl.control.controllers import Controller
-from hexctl.errors import LimitError, ReachError, check_type
+from hexctl.errors import LimitError, ReachError
 from hexctl.ik.legs import range_excess_rad, solve_legs_within_limits
 from hexctl.robot.model import Robot
 from hexctl.types import JOINTS_PER_LEG, N_LEGS, FloatArray, RobotState, leg_slice
@@ -226,7 +226,6 @@ class StandingTest(Controller):
         probes: Sequence[Probe] = ALL_PROBES,
         unsafe: UnsafeLegs = lambda _: {},
     ) -> None:
-        check_type(robot, Robot, "robot", "a Robot, as load_robot('ant') gives")
         self.observed = Observed()
         self._robot, self._unsafe = robot, unsafe
         self._paths = [(probe, probe_targets_rad(robot, probe, period_s)) for probe in probes]

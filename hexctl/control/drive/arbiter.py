@@ -115,7 +115,6 @@ class Arbiter:
     def __init__(
         self, now_s: Callable[[], float] = WALL_TIME.now, *, expiry_s: float = COMMAND_EXPIRY_S
     ) -> None:
-        check_type(expiry_s, float, "expiry_s")
         if not 0 < expiry_s <= COMMAND_EXPIRY_S:
             raise InputError(
                 f"expiry_s: got {expiry_s:g}; allowed: above 0 up to {COMMAND_EXPIRY_S:g}, in seconds"

@@ -98,7 +98,6 @@ class Drive:
         self._known = self._failures if told else ()
         if hold not in DRIVE_HOLDS:
             raise InputError(f"hold: got {hold}; allowed: {', '.join(DRIVE_HOLDS)}")
-        check_type(level, bool, "level")
         if feet not in FEET:
             raise InputError(f"feet: got {feet}; allowed: {', '.join(FEET)}")
         self._hold, self._level, self._feet = hold, level, feet
@@ -111,7 +110,6 @@ class Drive:
         self._guard = servos if isinstance(servos, Guard) else Guard(servos)
         self.robot = self._guard.robot
         self.arbiter = Arbiter() if arbiter is None else arbiter
-        check_type(self.arbiter, Arbiter, "arbiter", "an Arbiter")
         if recovery is None:
             recovery = default_recovery(simulated=self._guard.simulation is not None)
         self._recovery = make_recovery(recovery) if isinstance(recovery, str) else recovery
@@ -255,7 +253,6 @@ class Drive:
 
     @level.setter
     def level(self, level: bool) -> None:
-        check_type(level, bool, "level")
         self._level = level
         if self._controller is not None:
             self._controller.level = level

@@ -16,7 +16,6 @@ from hexctl.control.planning.speed_envelope import VelocityLimits
 from hexctl.control.preparation import WalkStart
 from hexctl.control.telemetry_watch import Temperatures, pace
 from hexctl.control.trial_plan import Feet, TrialPlan
-from hexctl.errors import check_type
 from hexctl.gait.body_pose import LEVEL, BodyPose
 from hexctl.gait.gait import Gait
 from hexctl.gait.posture import STANCE
@@ -54,7 +53,6 @@ class DriveController(Controller):
         failures: Sequence[Failure] = (),
         feet: Feet = "planned",
     ) -> None:
-        check_type(arbiter, Arbiter, "arbiter", "an Arbiter")
         self._robot, self._gait, self._period_s = robot, gait, period_s
         self._arbiter, self._recovery = arbiter, recovery
         self._known, self._feet = tuple(failures), feet
@@ -142,7 +140,6 @@ class DriveController(Controller):
 
     def change_gait(self, gait: Gait) -> None:
         """Walk with another gait from now on; the change is in stride."""
-        check_type(gait, Gait, "gait", "a Gait, as make_gait(robot, 'tripod') gives")
         if gait == self._gait:
             return
         self._limits = VelocityLimits.of(self._robot, gait)

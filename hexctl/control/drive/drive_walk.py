@@ -18,7 +18,7 @@ import numpy as np
 from hexctl.control.controllers import joints_of_feet
 from hexctl.control.preparation import WalkStart
 from hexctl.control.walks.velocity_walk import FULL_SPEED_S, OVERDRIVE, VelocityWalk
-from hexctl.errors import InputError, check_type
+from hexctl.errors import InputError
 from hexctl.gait.body_pose import BodyPose
 from hexctl.gait.foot_trajectory import SWING_END, SWING_START, lift_offset, part_of_cycle
 from hexctl.gait.gait import Gait
@@ -42,7 +42,6 @@ class DriveWalk(VelocityWalk):
     """Walks with the velocity that `desired` returns, stands while it is 0; foot offsets are (6, 2) in m."""
 
     def __init__(self, start: WalkStart, desired: VelocityCommand) -> None:
-        check_type(start, WalkStart, "start", "a WalkStart")
         if start.batch_shape:
             raise InputError(f"drive: got a batch of {len(start.plans)} robots; allowed: one robot")
         super().__init__(start)

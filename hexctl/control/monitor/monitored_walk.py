@@ -26,7 +26,6 @@ from hexctl.control.trial import planned_walk
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import possible_hold
 from hexctl.control.walks.velocity_walk import MotionWalk, VelocityWalk
-from hexctl.errors import check_type
 from hexctl.gait.gait import Gait, ideal_speed_m_s
 from hexctl.robot.failure import ON_TRIAL, Failure, NoticedFailure
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState, leg_slice
@@ -58,9 +57,6 @@ class MonitoredWalk(Controller):
     """Monitors the legs of a walk, and follows a recovery; only a `VelocityWalk` changes its gait."""
 
     def __init__(self, start: WalkStart, walk: Controller, recovery: Recovery) -> None:
-        check_type(start, WalkStart, "start", "a WalkStart, as a trial gives to its controller")
-        check_type(walk, Controller, "walk", "a Controller, as planned_walk(start) gives")
-        check_type(recovery, Recovery, "recovery", "a Recovery")
         self.walk, self.hold = walk, walk.hold
         self._start, self._recovery, self._plans = start, recovery, list(start.plans)
         if isinstance(walk, VelocityWalk):
@@ -214,7 +210,8 @@ class MonitoredWalk(Controller):
             responses[index] = response
             if response.stop:
                 self._stopped[index] = f"{suspicion}; {self._trouble}" if self._trouble else str(suspicion)
-            self._look_again(index, suspicion, len(self.noticed[index]) - 1 - len(failed_trials))
+            self._settle_later(index, len(self.noticed[index]) - 1 - len(failed_trials), KIND_AFTER_CYCLES)
+            self._try_later(index, suspicion)
         self._glide(responses)
 
     def _clears_overloaded(self, index: int, suspicion: Suspicion) -> bool:
@@ -259,10 +256,6 @@ class MonitoredWalk(Controller):
                 again.append(Suspicion(failure=failure, step=suspicion.step, evidence="support", ratio=0.0))
                 self._tell(f"noticed: the trial of leg {leg} is over")
         return again
-
-    def _look_again(self, index: int, suspicion: Suspicion, place: int) -> None:
-        self._settle_later(index, place, KIND_AFTER_CYCLES)
-        self._try_later(index, suspicion)
 
     def _settle_later(self, index: int, place: int, cycles: float) -> None:
         due = self.noticed[index][place].suspicion.step + round(cycles * self._cycle_steps(index))

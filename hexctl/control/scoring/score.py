@@ -130,8 +130,9 @@ def _cause(
 ) -> str | None:
     if status != "no_progress" or samples is None:
         return None
-    positions, quaternions = (
-        _briefly_filled(rows, duration_s) for rows in (positions_world, quaternions_world)
+    positions, quaternions = (  # short gaps filled, NaN in longer ones
+        np.where(_lost(rows, duration_s)[:, np.newaxis], np.nan, filled(rows))
+        for rows in (positions_world, quaternions_world)
     )
     seen = symptoms(robot, plan, samples, positions, quaternions, clipped)
     return None if seen is None else seen.cause
@@ -161,11 +162,6 @@ def _lost(rows: FloatArray, duration_s: float) -> BoolArray:
         if (after - before - 1) * (duration_s / len(rows)) > LOST_AFTER_S:
             lost[before + 1 : after] = True
     return lost
-
-
-def _briefly_filled(rows: FloatArray, duration_s: float) -> FloatArray:
-    """Rows (T, n) with short gaps filled; NaN in longer gaps."""
-    return np.where(_lost(rows, duration_s)[:, np.newaxis], np.nan, filled(rows))
 
 
 def _true_path_m(frame: TrialFrame | None, positions_world: FloatArray | None) -> FloatArray | None:

@@ -117,17 +117,14 @@ def known_uncertainty(
     model, place = as_robot(robot), as_world(world)
     measured = [*_entries(Path(folder) / UNCERTAINTIES), *_entries(config_root() / UNCERTAINTIES)]
     entries = [*measured, *(entry.confirming for entry in measured if entry.confirmed_m is not None)]
-    for measured_in in (place, _flat_like(place)):
+    flat = World().model_copy(update={name: getattr(place, name) for name in COMPUTATION})
+    for measured_in in (place, flat):
         fitting = [entry for entry in entries if entry.is_for(model, measured_in, duration_s)]
         if fitting:
             uncertainty = max(fitting, key=lambda entry: entry.walks)
             values = {name: getattr(uncertainty, name) for name in SimulationUncertainty.model_fields}
             return SimulationUncertainty(**values | {"borrowed": measured_in != place})
     return None
-
-
-def _flat_like(world: World) -> World:
-    return World().model_copy(update={name: getattr(world, name) for name in COMPUTATION})
 
 
 def keep_uncertainty(

@@ -6,7 +6,7 @@ from hexctl.control.preparation import WalkStart
 from hexctl.control.walks.dead_reckoning import DeadReckoning
 from hexctl.control.walks.steering import Course, CourseHold
 from hexctl.control.walks.velocity_walk import VelocityWalk
-from hexctl.errors import InputError, check_type
+from hexctl.errors import InputError
 from hexctl.gait.gait import Gait, half_amplitude_turn_rate_rad_s, ideal_speed_m_s
 from hexctl.types import BoolArray, FloatArray, RobotState
 
@@ -15,7 +15,6 @@ class SteeredWalk(VelocityWalk):
     """Walks along the line of the trial, its course corrected at every tick; `heading` ignores positions."""
 
     def __init__(self, start: WalkStart, *, hold: str = "line") -> None:
-        check_type(start, WalkStart, "start", "a WalkStart, as a trial gives to its controller")
         frame = start.frame
         if frame is None:
             raise InputError("steering: got a robot without a pose; allowed: one that knows position and yaw")

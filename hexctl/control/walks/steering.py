@@ -22,7 +22,7 @@ from hexctl.control.trace import TrialFrame
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.dead_reckoning import DeadReckoning
 from hexctl.control.walks.sensor_loss import JUMP_M, JUMP_RAD, ZERO, FrozenSensor, Measured
-from hexctl.errors import InputError, check_type
+from hexctl.errors import InputError
 from hexctl.robot.rotations import components, yaw_of
 from hexctl.types import ArrayFields, BoolArray, FloatArray, RobotState, any_of, chosen, within
 
@@ -139,7 +139,6 @@ class CourseHold:
         trim_rad: FloatArray | float = 0.0,
         dead_reckoning: DeadReckoning | None = None,
     ) -> None:
-        check_type(course, Course, "course", "a Course")
         if hold not in ("line", "heading"):
             raise InputError(f"hold: got {hold}; allowed: line, heading")
         self._shape = np.shape(speed_m_s)
@@ -158,7 +157,6 @@ class CourseHold:
 
     def follow(self, course: Course) -> None:
         """Follow another line from now on; the deviation and the learned drift start again."""
-        check_type(course, Course, "course", "a Course")
         error_rad = self._error_rad + self._course.yaw_rad - course.yaw_rad
         self._course, self._line = course, _line(course)
         deviation_m = np.zeros(self._shape)[()]

@@ -11,7 +11,7 @@ from hexctl.control.controllers import Controller, held_joints, joints_of_feet, 
 from hexctl.control.preparation import WalkStart
 from hexctl.control.walks.body_poser import BodyPoser
 from hexctl.control.walks.ground_contact import GroundContact
-from hexctl.errors import InputError, check_callable, check_type
+from hexctl.errors import InputError
 from hexctl.gait.foot_trajectory import (
     RAMP_DURATION_S,
     StepPattern,
@@ -53,9 +53,6 @@ class VelocityWalk(Controller):
     """
 
     def __init__(self, start: WalkStart, command: Command | None = None) -> None:
-        check_type(start, WalkStart, "start", "a WalkStart, as a trial gives to its controller")
-        if command is not None:
-            check_callable(command, "command", "a function of the step and the state")
         self._robot, self._period_s, self._held = start.robot, start.period_s, held_joints(start.held_legs)
         self._shape, self._command = start.batch_shape, command
         self._turning_m = start.robot.stance_feet_body[:, 1::-1] * np.array([1.0, -1.0])  # (y, -x)

@@ -15,7 +15,7 @@ from hexctl.errors import InputError, argument
 from hexctl.options import RARE, Panel, Range, Typed, check_fields
 from hexctl.simulators.camera.usual_camera import BLUR_PX, LOOK_AT_M, NOISE, POSITION_M
 from hexctl.vision.camera_options import FPS, LATENCY_MS, LinkedRobotOptions, parse_size
-from hexctl.waiting import StopRequested, never_requested
+from hexctl.waiting import StopRequested, never_stop
 
 if TYPE_CHECKING:
     from hexctl.simulators.camera.shooting import TwinReport
@@ -151,7 +151,7 @@ class TwinCamera(LinkedRobotOptions):
 
     def run(
         self,
-        stop_requested: StopRequested = never_requested,
+        stop_requested: StopRequested = never_stop,
         *,
         on_started: Callable[[TwinStarted], None] = lambda _: None,
         on_event: Callable[[str], None] = lambda _: None,

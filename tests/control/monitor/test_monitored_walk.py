@@ -29,7 +29,6 @@ from hexctl.control.preparation import WalkStart
 from hexctl.control.trial import planned_walk
 from hexctl.control.trial_plan import GaitChange
 from hexctl.control.walks.velocity_walk import VelocityWalk
-from hexctl.errors import WrongTypeError
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.robot.failure import NoticedFailure
 from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
@@ -166,14 +165,6 @@ def test_watching_alone_changes_no_walk() -> None:
     walks: list[MonitoredWalk] = []
     assert replace(run_sim_trial(trial, make), noticed=()) == run_sim_trial(trial)
     assert [noticed.suspicion.leg for noticed in walks[0].noticed[0]] == [5]
-
-
-def test_what_is_no_recovery_is_refused() -> None:
-    with pytest.raises(WrongTypeError, match="recovery"):
-        run_sim_trial(
-            _trial(duration_s=1.0),
-            lambda given: MonitoredWalk(given, planned_walk(given), "recover"),  # type: ignore[arg-type]
-        )
 
 
 def test_a_leg_that_heals_is_taken_back_whatever_change_of_gait_was_planned() -> None:
