@@ -12,7 +12,7 @@ from hexctl.types import JOINT_NAMES, N_LEGS
 LEG_NAMES = tuple(f"leg{leg}" for leg in range(1, N_LEGS + 1))
 
 #: Binary places of stored numbers: an error of 8 micrometres or microradians at most.
-KEPT_BITS = 16
+FINE_BITS = 16
 
 #: Binary places of measured quantities: an error of 2 mN m at most.
 COARSE_BITS = 8
@@ -132,7 +132,7 @@ COLUMNS: tuple[Column, ...] = (
         entity="commanded_velocity",
         title="commanded velocity",
         ticks=SPARSE_TICKS,
-        bits=KEPT_BITS,
+        bits=FINE_BITS,
         topic="/recorded/velocity_command",
         message="twist",
     ),

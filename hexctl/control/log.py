@@ -127,7 +127,7 @@ class TickLog:
         columns["time_s"][row] = tick.time_s
         columns["late_s"][row] = tick.late_s
         columns["phase"][row] = PHASES.index(self.phase)
-        columns["wanted_rad"][row] = wanted_rad
+        columns["wanted_rad"][row] = requested_rad
         columns["commanded_rad"][row] = sent.joint_positions_rad
         self.missing.clear()
         for column in SENSED:

@@ -204,7 +204,7 @@ class _Columns:
         found = {series.source: self.samples(series) for series in several}
         return {name: samples for name, samples in found.items() if samples.rows.size}
 
-    def kept(self, times_ns: Rows) -> BoolArray:
+    def of_ticks(self, times_ns: Rows) -> BoolArray:
         """Which times are those of ticks, and not of ticks that damage has taken."""
         return np.isin(times_ns, self.ticks_ns)
 

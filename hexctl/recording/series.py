@@ -29,7 +29,7 @@ class Series(NamedTuple):
     title: str
     names: tuple[str, ...]
     colors: tuple[style.Color, ...]
-    bits: int = FRACTION_BITS
+    bits: int = FINE_BITS
     widths: tuple[float, ...] | None = None
     source: str = ""
 

@@ -13,7 +13,7 @@ from hexctl.errors import InputError, argument
 from hexctl.options import RARE, Panel, Typed
 from hexctl.vision.camera_options import check_new_file
 from hexctl.vision.place_options import PlaceOptions
-from hexctl.waiting import StopRequested, never
+from hexctl.waiting import StopRequested, never_stop
 from hexctl.wire.page_address import PageAddress
 
 if TYPE_CHECKING:

@@ -12,12 +12,7 @@ from hexctl.backends.clock import Clock, Standstill, Tick, WallClock
 from hexctl.backends.sim.actuators import ActuatorModel
 from hexctl.backends.sim.sensing import LOST_COMMANDS, JointTorques, Losses, SensorMemory, Sensors
 from hexctl.backends.sim.servo_physics import ServoPower
-from hexctl.backends.sim.simulated_failure import (
-    FIRST_SPEED,
-    FailuresToCome,
-    jam_angles_rad,
-    jammed_angles_rad,
-)
+from hexctl.backends.sim.simulated_failure import FIRST_SPEED, FailuresToCome, jam_rad, jammed_angles_rad
 from hexctl.backends.sim.simulation_model import FIRST_JOINT, Simulation, make_simulation, waiting_commands
 from hexctl.backends.sim.world import World, as_world
 from hexctl.errors import SimulationDivergedError, check_type
@@ -192,7 +187,7 @@ class SimServos(OwnServos):
         self._power = self._make_power()
         self._power.switch(on=powered)
         self.sensors.torques = JointTorques.of(compiled)
-        jammed_rad = jam_angles_rad(compiled.failed, self._qpos, self._ctrl)
+        jammed_rad = jam_rad(compiled.failed, self._qpos, self._ctrl)
         self.actuators.leg_changed(leg, jammed_rad, self._ctrl, self._waiting_rad)
 
     def read(self) -> RobotState:

@@ -10,7 +10,7 @@ from mujoco.batch import Batch, SimulationError
 from hexctl.backends.base import TruePose
 from hexctl.backends.sim.sensing import JointTorques, SensorMemory
 from hexctl.backends.sim.servos import SimServos
-from hexctl.backends.sim.simulated_failure import FIRST_SPEED, FailuresToCome, jam_angles_rad
+from hexctl.backends.sim.simulated_failure import FIRST_SPEED, FailuresToCome, jam_rad
 from hexctl.backends.sim.simulation_model import FIRST_JOINT, waiting_commands
 from hexctl.columns import SENSED, Column
 from hexctl.mujoco_import import mujoco
@@ -137,7 +137,7 @@ class _Copies:
         for event in due:
             self._simulation.failed.change(event.leg, event.failure)
             self.sensors.torques = JointTorques.of(self._simulation)
-            jammed_rad = jam_angles_rad(self._simulation.failed, self.sensors.memory.qpos, self._ctrl)
+            jammed_rad = jam_rad(self._simulation.failed, self.sensors.memory.qpos, self._ctrl)
             self._actuators.leg_changed(event.leg, jammed_rad, self._ctrl, self._waiting_rad)
         if due:
             self._own_models()

@@ -160,7 +160,7 @@ class FailuresToCome:
         return due
 
 
-def jam_angles_rad(failed: FailedLegs, qpos: FloatArray, ctrl: FloatArray) -> FloatArray:
+def jam_rad(failed: FailedLegs, qpos: FloatArray, ctrl: FloatArray) -> FloatArray:
     """Angles of joints that jam now, leading shape + (18,).
 
     Stuck joints keep those in `qpos`, leading shape + (25,), locked ones their last commands, leading shape +

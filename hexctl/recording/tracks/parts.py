@@ -51,9 +51,7 @@ def _send_base(block: Block) -> None:
 
 
 def _send_pose(block: Block, rows: Rows, position: FloatArray, quaternion: FloatArray) -> None:
-    place, turn = (
-        rounded(values, FRACTION_BITS).astype(np.float32) for values in (position, xyzw(quaternion))
-    )
+    place, turn = (rounded(values, FINE_BITS).astype(np.float32) for values in (position, xyzw(quaternion)))
     pose = load_rerun().Transform3D.columns(translation=place, quaternion=turn)
     block.send(paths.ROBOT, rows, pose)
 

@@ -151,10 +151,10 @@ def test_a_jam_does_not_wait_for_the_delay() -> None:
         for _ in range(3):
             move(servos, STANCE + 0.3, ticks=1)
         servos.change_leg(2, Failure(leg=2, kind="stuck", joint="femur"))
-        jam_angles_rad = servos.compiled.physics.data.qpos[FIRST_JOINT + 4]
+        jam_rad = servos.compiled.physics.data.qpos[FIRST_JOINT + 4]
         for _ in range(10):
             move(servos, STANCE + 0.3, ticks=1)
-        assert abs(servos.compiled.physics.data.qpos[FIRST_JOINT + 4] - jam_angles_rad) < 0.01
+        assert abs(servos.compiled.physics.data.qpos[FIRST_JOINT + 4] - jam_rad) < 0.01
 
 
 def test_a_servo_without_power_has_no_back_emf() -> None:
