@@ -55,7 +55,7 @@ def driven(
     servos = SimServos(robot, world=world, failures=failure)
     rows = []
     recovery = None if told else "walk-on"
-    with Drive(servos=servos, gait=gait, failure=failure, told=told, recovery=recovery) as drive:
+    with Drive(servos=servos, gait=gait, failure=failure, failures_known=told, recovery=recovery) as drive:
         drive.reset()
         for duration_s, *shares in commands:
             velocity = drive.share(*shares)

@@ -75,13 +75,13 @@ class BackendOptions:
 class Backend:
     """One entry of the registry: `make` returns unconnected servos.
 
-    `takes` are the used fields of `BackendOptions`, besides the robot and its file. A keeper lets a `kept`
-    robot down if its server dies.
+    `takes` are the used fields of `BackendOptions`, besides the robot and its file. With
+    `has_keeper` a keeper lets the robot down if its server dies.
     """
 
     make: Callable[[BackendOptions], LegServos]
     takes: frozenset[str]
-    kept: bool = False
+    has_keeper: bool = False
 
 
 def option_values(spec: object, *, but: Container[str] = ()) -> dict[str, Any]:
@@ -212,7 +212,7 @@ def _bus(options: BackendOptions, *, driver: str) -> LegServos:
 
 
 def _bus_backend(driver: str) -> Backend:
-    return Backend(partial(_bus, driver=driver), frozenset({"port"}), kept=True)
+    return Backend(partial(_bus, driver=driver), frozenset({"port"}), has_keeper=True)
 
 
 def _servo2040(options: BackendOptions) -> LegServos:
@@ -280,6 +280,6 @@ BACKENDS: dict[str, Backend] = {
     "mavlink": Backend(_mavlink, frozenset({"port", "credentials", "insecure"})),
     **{driver: _bus_backend(driver) for driver in FAMILIES},
     "servo2040": Backend(_servo2040, frozenset({"port"})),
-    "pca9685": Backend(_pca9685, frozenset({"port"}), kept=True),
+    "pca9685": Backend(_pca9685, frozenset({"port"}), has_keeper=True),
     "mock": Backend(_mock, frozenset()),
 }

@@ -98,7 +98,7 @@ class StopResult:
         stopped: `estop`, or the reason of an earlier stop.
         stop_id: id for clearing the stop; None if the robot did not report it.
         at_rest: always True.
-        kept: whether the stop will survive a restart of the server.
+        on_disk: whether the stop will survive a restart of the server.
         ways: `datagram` and `session` that confirmed it.
         took_s: time until the first confirmation of the stop.
         rested_s: time until it was first seen at rest, and stayed so.
@@ -109,7 +109,7 @@ class StopResult:
     stopped: str
     stop_id: str | None
     at_rest: bool
-    kept: bool
+    on_disk: bool
     robot: str
     ways: tuple[str, ...]
     took_s: float
@@ -344,7 +344,7 @@ class ReadyStop:
             stopped=newest.stopped or "",
             stop_id=newest.stop_id,
             at_rest=newest.at_rest,
-            kept=newest.kept,
+            on_disk=newest.on_disk,
             robot=newest.robot,
             ways=tuple(sorted(stops)),
             took_s=self._first_stop_s - self._order.pressed_s,

@@ -42,7 +42,7 @@ class Sighting:
 
     Attributes:
         stopped: reason of a latched stop, or None.
-        kept: whether the stop is on the disk.
+        on_disk: whether the stop is on the disk.
         echoed: whether `at_rest` is known only from targets, because the servos do not report their angles.
         cleared: id of the last cleared stop, and who cleared it.
     """
@@ -51,7 +51,7 @@ class Sighting:
     stopped: str | None
     stop_id: str | None
     at_rest: bool
-    kept: bool
+    on_disk: bool
     robot: str
     echoed: bool = False
     cleared: tuple[str, str] | None = None
@@ -218,7 +218,7 @@ def _sighting(answer: StopDatagram, asked_s: float) -> Sighting:
         stopped=printable(answer.reason) if answer.stopped else None,
         stop_id=answer.stop_id.hex() if answer.stopped else None,
         at_rest=answer.at_rest,
-        kept=answer.kept,
+        on_disk=answer.on_disk,
         robot=printable(answer.robot),
         echoed=answer.echoed,
     )
@@ -335,7 +335,7 @@ class SessionStop:
                 stopped=str(stopped[0]) if stays else None,
                 stop_id=str(stops[0].get("id")) if stays and stops else None,
                 at_rest=all(status.get("at_rest") is True for status in statuses),
-                kept=bool(stops) and all(one.get("kept") for one in stops),
+                on_disk=bool(stops) and all(one.get("kept") for one in stops),
                 robot=str(statuses[0].get("robot", "?")),
                 echoed=any(status.get("joints") == "echoed" for status in statuses),
                 cleared=_cleared(statuses),

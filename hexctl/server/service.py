@@ -179,7 +179,7 @@ class RobotService(ServeOptions):
         from hexctl.server.keeper import Keeper, KeeperSpec
 
         backend = find_backend(self.backend)
-        if backend is None or not backend.kept or options.robot_file is None:
+        if backend is None or not backend.has_keeper or options.robot_file is None:
             return None
         return Keeper(
             KeeperSpec(

@@ -130,15 +130,15 @@ class Stop:
         since_s = lockout_s - left_s
         return f"clear: got a request{without} {since_s:.1f} s after the stop; allowed: after {lockout_s:g} s"
 
-    def to_json(self, at_s: float, *, kept: bool) -> dict[str, Any]:
-        """As in the status, at a time by the robot's time source; `kept` is whether it is on the disk."""
+    def to_json(self, at_s: float, *, on_disk: bool) -> dict[str, Any]:
+        """As in the status, at a time by the robot's time source; `on_disk` is whether it is on the disk."""
         return {
             "id": self.stop_id,
             "since_s": round(at_s - self.since_s + self.before_start_s, 1),
             "clear_in_s": _hundredths_s(self.lockout_left_s(at_s, proved=bool(self.claims))),
             "others_in_s": _hundredths_s(self.lockout_left_s(at_s, proved=False)),
             "claims": list(self.claims),
-            "kept": kept,
+            "kept": on_disk,
             "by": self.by,
         }
 

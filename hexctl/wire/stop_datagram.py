@@ -58,7 +58,7 @@ class StopDatagram:
         epoch: current one in an answer, the one of validity in a stop.
         request: name of a stop; an answer repeats it if the stop was obeyed, and is otherwise empty.
         stopped: whether a latched stop is in force.
-        kept: whether the stop is on the disk.
+        on_disk: whether the stop is on the disk.
         echoed: whether joint angles are targets instead of measured.
     """
 
@@ -71,12 +71,14 @@ class StopDatagram:
     robot: str = ""
     stopped: bool = False
     at_rest: bool = False
-    kept: bool = False
+    on_disk: bool = False
     echoed: bool = False
 
     def packed(self, secret: bytes) -> bytes:
         """The datagram, signed."""
-        flags = _STOPPED * self.stopped | _AT_REST * self.at_rest | _KEPT * self.kept | _ECHOED * self.echoed
+        flags = (
+            _STOPPED * self.stopped | _AT_REST * self.at_rest | _KEPT * self.on_disk | _ECHOED * self.echoed
+        )
         content = _CONTENT.pack(
             mark_of(secret),
             self.kind,
@@ -111,7 +113,7 @@ class StopDatagram:
             robot=_text(robot),
             stopped=bool(flags & _STOPPED),
             at_rest=bool(flags & _AT_REST),
-            kept=bool(flags & _KEPT),
+            on_disk=bool(flags & _KEPT),
             echoed=bool(flags & _ECHOED),
         )
 

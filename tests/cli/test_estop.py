@@ -42,7 +42,7 @@ class StoppedRobot:
             stopped="estop",
             stop_id="0011223344556677",
             at_rest=True,
-            kept=self.kept,
+            on_disk=self.kept,
             robot="ant",
             ways=("datagram",),
             took_s=0.01,

@@ -360,7 +360,7 @@ STOP_ID = "00" * 8
 def seen(at_s: float, **values: Any) -> Sighting:
     """What a robot says at a time: it is stopped, and at rest."""
     known: dict[str, Any] = {"stopped": "estop", "stop_id": STOP_ID, "at_rest": True}
-    return Sighting(at_s=at_s, kept=True, robot="ant", **{**known, **values})
+    return Sighting(at_s=at_s, on_disk=True, robot="ant", **{**known, **values})
 
 
 def free(at_s: float, **values: Any) -> Sighting:

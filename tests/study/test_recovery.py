@@ -125,7 +125,7 @@ def test_speeds_are_those_of_the_true_way_along_the_line() -> None:
     assert track.speed(4.0, 8.0) == pytest.approx(0.2)
     assert track.speed(15.0, 20.0) == pytest.approx(0.1)
     assert math.isnan(track.speed(19.9, 20.0))
-    assert track.way_m(10.0) == pytest.approx(0.03)
+    assert track.most_off_m(10.0) == pytest.approx(0.03)
     assert math.isnan(Track(np.zeros((0, 2)), 0.0, 1.0).speed(4.0, 8.0))
 
 

@@ -21,7 +21,7 @@ ANSWER = StopDatagram(
     robot="ant",
     stopped=True,
     at_rest=True,
-    kept=True,
+    on_disk=True,
 )
 
 
@@ -34,8 +34,8 @@ ANSWER = StopDatagram(
     secret=st.sampled_from([b"", SECRET]),
 )
 def test_what_is_signed_comes_back_as_it_was(kind: Kind, flags: Any, secret: bytes, **values: Any) -> None:
-    stopped, at_rest, kept, echoed = flags
-    told = {"stopped": stopped, "at_rest": at_rest, "kept": kept, "echoed": echoed}
+    stopped, at_rest, on_disk, echoed = flags
+    told = {"stopped": stopped, "at_rest": at_rest, "on_disk": on_disk, "echoed": echoed}
     sent = StopDatagram(kind=kind, **told, **values)
     data = sent.packed(secret)
     assert len(data) == DATAGRAM_BYTES == 160

@@ -94,12 +94,12 @@ class Session:
     confirmations: list[ConfirmationRecord] = field(default_factory=list)
     stored_bytes: int = field(default=0, compare=False, repr=False)
 
-    def confirmation_of(self, found: WalkRecord) -> ConfirmationRecord | TrialRecord | None:
+    def confirmation_of(self, walk: WalkRecord) -> ConfirmationRecord | TrialRecord | None:
         """The walk that confirms the gait of another walk with its trim, or None."""
         walks: list[ConfirmationRecord | TrialRecord] = [*self.confirmations]
         if self.spec.optimizer == TRIM:
             walks += (trial for trial in self.trials if trial.confirms)
-        return next((walk for walk in walks if walk.commanded == found.commanded), None)
+        return next((one for one in walks if one.commanded == walk.commanded), None)
 
     @property
     def walked_s(self) -> float:

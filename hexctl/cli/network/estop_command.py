@@ -128,7 +128,7 @@ def _print(result: "StopResult", link: "Link", *, as_json: bool) -> None:
                 "stop_id": result.stop_id,
                 "at_rest": result.at_rest,
                 "echoed": result.echoed,
-                "kept": result.kept,
+                "kept": result.on_disk,
                 "ways": result.ways,
                 "took_s": round(result.took_s, 3),
                 "rested_s": round(result.rested_s, 3),
@@ -142,7 +142,7 @@ def _print(result: "StopResult", link: "Link", *, as_json: bool) -> None:
         f"confirmed by {' and '.join(result.ways)}, stopped after {1000 * result.took_s:.0f} ms, "
         f"{'no new targets' if result.echoed else 'at rest'} after {1000 * result.rested_s:.0f} ms"
     )
-    if result.stop_id is not None and not result.kept:
+    if result.stop_id is not None and not result.on_disk:
         print_message(
             "warning: the robot has not kept the stop on its disk; a restart of hexctl serve ends it"
         )

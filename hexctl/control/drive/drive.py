@@ -66,7 +66,7 @@ class Drive:
         feet: `planned`, or `adaptive` for uneven ground: feet lift higher and, with foot contacts, search the
             ground below.
         failure: of legs, as in `RunSpec`; a simulation breaks them.
-        told: False if the walk has to detect simulated failures.
+        failures_known: False if the walk has to detect simulated failures.
         recorders: take every tick, as in `run_trial`.
         options: fields of `BackendOptions`; times of events count from the first stand.
 
@@ -86,7 +86,7 @@ class Drive:
         level: bool = False,
         feet: Feet = "planned",
         failure: AskedFailures = (),
-        told: bool = True,
+        failures_known: bool = True,
         arbiter: Arbiter | None = None,
         recorders: Recorders | None = None,
         **options: Any,
@@ -95,7 +95,7 @@ class Drive:
         self._failures, events = read_failures(failure)
         if events:
             options["events"] = (*options.get("events", ()), *events)
-        self._known = self._failures if told else ()
+        self._known = self._failures if failures_known else ()
         if hold not in DRIVE_HOLDS:
             raise InputError(f"hold: got {hold}; allowed: {', '.join(DRIVE_HOLDS)}")
         if feet not in FEET:

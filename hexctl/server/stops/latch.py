@@ -63,8 +63,8 @@ class StopLatch:
 
     def status(self) -> dict[str, Any] | None:
         """The stop in force, in the form of the robot's status."""
-        stop, kept = self.now()
-        return None if stop is None else stop.to_json(self._time.now(), kept=kept)
+        stop, on_disk = self.now()
+        return None if stop is None else stop.to_json(self._time.now(), on_disk=on_disk)
 
     def close(self) -> None:
         """Wait until the last stop is on the disk, unless the disk is too slow."""

@@ -241,7 +241,7 @@ class StopSocket:
         return self._state(asked, obeyed=obeyed).packed(self._secret)
 
     def _state(self, asked: StopDatagram, *, obeyed: bool) -> StopDatagram:
-        stop, kept = self._latch.now()
+        stop, on_disk = self._latch.now()
         return StopDatagram(
             kind=Kind.STATE,
             nonce=asked.nonce,
@@ -252,6 +252,6 @@ class StopSocket:
             robot=self._robot,
             stopped=stop is not None and stop.stays,
             at_rest=self._at_rest(),
-            kept=kept,
+            on_disk=on_disk,
             echoed=self._echoes(),
         )

@@ -153,7 +153,7 @@ class Episode:
             pace_hz=float(gait.pace_hz),
             ideal_m_s=float(ideal_speed_m_s(trial.robot, gait, trial.plan.motion(0.0))),
             signed_m=off_m,
-            way_m=track.way_m(at_s),
+            way_m=track.most_off_m(at_s),
             after_m_s=track.speed(at_s + LATER_S, end_s) if ended else math.nan,
             last_m_s=track.speed(end_s - RULE_S, end_s) if ended else math.nan,
             trials=trials,
@@ -184,7 +184,7 @@ class Track(ArrayFields):
             return math.nan
         return float(self.path_m[last, 0] - self.path_m[first, 0]) / ((last - first) * self.period_s)
 
-    def way_m(self, from_s: float) -> float:
+    def most_off_m(self, from_s: float) -> float:
         """Maximum absolute deviation from a time on."""
         rows = self.path_m[self._row(from_s) :, 1]
         return float(np.abs(rows).max()) if rows.size else math.nan

@@ -89,10 +89,10 @@ class ShapeSearch(ABC):
 
 
 def shaped_walk(
-    start: WalkStart, failure_s: FloatArray, found: Sequence[Rehearsal[FloatArray] | None]
+    start: WalkStart, failure_s: FloatArray, rehearsals: Sequence[Rehearsal[FloatArray] | None]
 ) -> ShapedWalk:
     """Walks that change to the shapes that trials have found."""
-    pairs = zip(start.plans, found, strict=True)
+    pairs = zip(start.plans, rehearsals, strict=True)
     shapes = np.stack([shape_of(plan.gait) if one is None else one.best for plan, one in pairs])
     return ShapedWalk(
         start, hold=possible_hold(start.plans[0], start.frame), failure_s=failure_s, shapes=shapes

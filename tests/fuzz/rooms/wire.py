@@ -124,7 +124,7 @@ def read_ros_attachment(data: bytes) -> None:
     StopDatagram(kind=Kind.ASK, nonce=bytes(8)).packed(SECRET),
     StopDatagram(kind=Kind.STOP, nonce=bytes(8), request=b"12345678").packed(SECRET)[MARK_BYTES:],
     StopDatagram(
-        kind=Kind.STATE, nonce=bytes(8), reason="fault: hot", robot="ant", stopped=True, kept=True
+        kind=Kind.STATE, nonce=bytes(8), reason="fault: hot", robot="ant", stopped=True, on_disk=True
     ).packed(SECRET)[MARK_BYTES:],
     words=(b"\xf0\x9f\x92\xa5", b"\1", b"\2", b"\3"),
 )

@@ -193,10 +193,10 @@ def test_the_age_of_a_stop_is_shown_over_a_restart_and_its_hold_begins_anew(
     path.write_text(json.dumps(kept))
     again = StopLatch(connected()[0], stop_file(tmp_path))
     stop = now(again)
-    shown = stop.to_json(stop.since_s, kept=True)
+    shown = stop.to_json(stop.since_s, on_disk=True)
     assert shown["since_s"] > 1e8
     assert shown["others_in_s"] == LOCKOUT_S
-    assert again.stop(by="ben").to_json(stop.since_s, kept=True)["since_s"] < 10.0
+    assert again.stop(by="ben").to_json(stop.since_s, on_disk=True)["since_s"] < 10.0
 
 
 @pytest.mark.parametrize(
@@ -211,7 +211,7 @@ def test_a_stop_holds_twice_as_long_with_each_repetition_up_to_a_bound(
     )
     assert stop.lockout_s(proved=False) == lockout_s
     assert stop.lockout_left_s(6.0, proved=False) == lockout_s - 1.0
-    told = stop.to_json(6.0, kept=True)
+    told = stop.to_json(6.0, on_disk=True)
     assert (told["since_s"], told["others_in_s"]) == (8.0, lockout_s - 1.0)
     assert told["clear_in_s"] == (0.0 if claims else lockout_s - 1.0), "with the keys of its claims"
     cleared = Clear(stop=stop, by="ben", at_s=10.0)
