@@ -6,7 +6,6 @@ It runs what a trial runs: the simulated servos, the guard, the preparation and 
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,13 +22,11 @@ from hexctl.control.preparation import prepare, ticks_of
 from hexctl.control.scoring.walk_quality import WalkEffort
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError, MissingExtraError, SimulationDivergedError
-from hexctl.gait.gait import ideal_speed_m_s
+from hexctl.gait.gait import ideal_speed_m_s, make_gait
 from hexctl.learning.learned_walk import ACTION_SIZE, OBSERVATION_SIZE, OBSERVED, LearnedWalk
 from hexctl.robot.failure import FailureEvent
 from hexctl.robot.failure_grammar import parse_coming_kind
 from hexctl.robot.model import Robot
-from hexctl.runs.run_spec import RunSpec
-from hexctl.runs.walk_plan import plan_walk
 from hexctl.types import GRAVITY_M_S2, N_LEGS, FloatArray, JointTargets
 
 if TYPE_CHECKING:
@@ -99,9 +96,14 @@ class HexapodEnvironment(gymnasium.Env[Observation, FloatArray]):
             if len(given) == 0:  # of an array, too
                 raise InputError(f"{name}: got none; allowed: one or more")
         self._failures, self._failing, self._failure_s = list(failures), failing, failure_s
-        walk = RunSpec(gait=gait, duration_s=duration_s, self_rotation="none", hold="line")
         self._plans = [
-            plan_walk(replace(walk, heading_rad=radians(heading_deg)), self._robot)
+            TrialPlan(
+                gait=make_gait(self._robot, gait),
+                heading_rad=radians(heading_deg),
+                duration_s=duration_s,
+                self_rotation="none",
+                hold="line",
+            )
             for heading_deg in headings_deg
         ]
         self.action_space = Box(-1.0, 1.0, (ACTION_SIZE,), np.float64)

@@ -100,9 +100,8 @@ class FirstDiagnosis(NamedTuple):
 
     def walk_spec(self, spec: "RunSpec") -> "RunSpec":
         """Spec of the walk, whose controller knows the finding."""
-        told = () if self.failure is None else (self.failure,)
         comes = [event for event in spec.events if event.failure is not None]
-        return replace(spec, failed_leg=None, failure=(*told, *comes))
+        return replace(spec, failed_leg=None, failure=(*filter(None, (self.failure,)), *comes))
 
 
 def _check_simulated(spec: "RunSpec") -> None:
