@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hexctl.columns import COARSE_BITS, READINGS, RECORDED, Column
+from hexctl.columns import COARSE_BITS, FINE_BITS, READINGS, RECORDED, Column
 from hexctl.palette import ALARM_COLOR, JOINT_COLORS, LEG_COLORS, MARGIN_COLOR
 from hexctl.recording import paths, style
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS, FloatArray

@@ -66,7 +66,7 @@ def known_place(given: PlaceOptions) -> Place | None:
     return known
 
 
-def found_place(
+def camera_place(
     given: PlaceOptions,
     known: Place | None,
     video: VideoSource,
@@ -77,7 +77,7 @@ def found_place(
     """The place, whether it was learned, and doubts, one sentence each; None after a requested stop.
 
     A known place gets the current pose of the camera. Changes are stored. Raises the errors of
-    `camera_place` and `seen_place`.
+    `learned_place` and `seen_place`.
     """
     path = Path(given.place)
     if known is not None and not given.relearn:

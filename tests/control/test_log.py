@@ -18,7 +18,7 @@ from hexctl import InputError, JointTargets, MissingExtraError, Recorders, Robot
 from hexctl.backends.clock import Tick
 from hexctl.columns import READINGS, Column
 from hexctl.control.log import TickLog
-from hexctl.control.table import CHUNK_ROWS, ServoRows, Table
+from hexctl.control.table import CACHED_CHUNKS, CHUNK_ROWS, ServoRows, Table
 from hexctl.control.trace import PHASES, TrialFrame
 from hexctl.types import JOINT_NAMES, N_JOINTS, ServoReadings
 from tests.trials import Calling

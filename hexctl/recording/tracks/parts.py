@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from hexctl.columns import RECORDED, Column
+from hexctl.columns import FINE_BITS, RECORDED, Column
 from hexctl.recording import paths
 from hexctl.recording.rrd import load_rerun
 from hexctl.recording.series import SENSORS, SERVOS, VECTORS, Series, rounded
