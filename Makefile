@@ -102,6 +102,8 @@ smoke: supported
 	$(SMOKE_PIP) install --no-compile -c constraints.txt $(SMOKE)/*.whl
 	cd $(SMOKE) && venv/bin/hexctl check pexod && venv/bin/hexctl run --backend mock --no-record --duration 0.2
 	cd $(SMOKE) && PIP_CONSTRAINT=constraints.txt venv/bin/python ../../tests/smoke.py venv/bin/hexctl
+	cd $(SMOKE) && rm -r venv/lib/python*/site-packages/hexctl/{study,vision,simulators,testing} && \
+	venv/bin/hexctl --help && venv/bin/hexctl run --backend mock --no-record --duration 0.2
 
 # Resolves for Pythons and processors that this computer need not have; installs nothing but uv. Debian 12 has 3.11.2.
 wheels: supported
