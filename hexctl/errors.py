@@ -110,6 +110,7 @@ EXTRAS = {
     "dm_control": "sim",
     "rerun": "view",
     "rerun_cli": "view",
+    "lz4": "view",
     "pyarrow": "study",
     "matplotlib": "study",
     "distributed": "study",

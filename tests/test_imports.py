@@ -98,7 +98,9 @@ def test_a_robots_computer_needs_no_room_behind_an_entry_point(tmp_path: Path) -
         PACKAGE, tmp_path / "hexctl", ignore=shutil.ignore_patterns("__pycache__", *sorted(OPTIONAL))
     )
     (tmp_path / "configs").symlink_to(PACKAGE.parent / "configs")
+    (tmp_path / "hexctl.toml").write_text("[study]\njobs = 2\n")
     for words, code in (
+        ("estop --connect tcp/127.0.0.1:9", 3),
         ("--help", 0),
         ("run --backend mock --no-record --duration 0.2 --robot pexod", 0),
         ("doctor", 0),

@@ -97,7 +97,7 @@ def _best_of(spec: RunSpec, folder: Path | str, *, trimmed: bool = True) -> Best
 def _of_prior(spec: RunSpec, robot: Robot, failure: Failure, folder: Path) -> BestGait:
     if spec.turn_rate_rad_s is not None:
         raise InputError(f"{argument('gait')}: got best with a turn; allowed: straight, or auto")
-    plan = plan_walk(replace(spec, gait="demo", chosen_gait=True, fast=False, then=()), robot)
+    plan = plan_walk(replace(spec, gait="demo", chosen_gait=True, fast=False, then=(), feet="planned"), robot)
     if spec.body_raise is None:
         plan = in_posture(robot, plan, usual_posture(spec.hold))
     found = find_prior(robot, plan, prior_folders(folder), any_duration=True)

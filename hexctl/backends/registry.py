@@ -262,7 +262,8 @@ _ALLOWED = "a LegServos class that takes the robot"
 
 def _own_class(name: str) -> tuple[Any, str]:
     """Class of a plug-in or of `package.module:Class`, and its name for messages."""
-    return load_custom(name, "backend", known=(*BACKENDS, *bus_drivers()), allowed=_ALLOWED, door="servos")
+    known = tuple(dict.fromkeys((*BACKENDS, *bus_drivers())))
+    return load_custom(name, "backend", known=known, allowed=_ALLOWED, door="servos")
 
 
 def _arguments(own: Any) -> frozenset[str]:

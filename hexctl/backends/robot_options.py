@@ -8,6 +8,7 @@ from hexctl.backends.sim.world import World
 from hexctl.options import RARE, UNTYPED, Panel, Range, Typed
 from hexctl.robot.failure_grammar import AskedFailures, AskedLegs
 from hexctl.robot.model import Robot
+from hexctl.robot.plugins import plugin_names
 from hexctl.wire.links import LinkOptions
 
 FAILURE = Panel("Failure")
@@ -17,8 +18,11 @@ SEED = Range(low=0, whole=True)
 
 
 def lower_case(name: str) -> str:
-    """A lower-case name; one with a colon, such as `package.module:Class`, is unchanged."""
-    return name if ":" in name else name.strip().lower()
+    """A lower-case name; `package.module:Class` and the name of a plug-in are unchanged."""
+    text = name.strip()
+    if text == text.lower() or ":" in text or text in (*plugin_names("servos"), *plugin_names("families")):
+        return text
+    return text.lower()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,9 +12,11 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.exceptions import TyperException
 
+from hexctl.cli.commands import COMMANDS as LISTED
 from hexctl.cli.console import in_flags, print_message
 from hexctl.cli.grouped_help import WIDTH, GroupedHelp, HelpGroup
 from hexctl.errors import InputError, shown
+from hexctl.robot.plugins import plugin_names
 from hexctl.typed_names import nearest
 
 if TYPE_CHECKING:
@@ -172,7 +174,7 @@ def _said(ctx: Any, typed: Mapping[str, Any]) -> "dict[str, tuple[Setting, Any]]
     from hexctl.settings import find_settings
 
     path, settings = _path(ctx), find_settings()
-    problems = [*settings.problems, *_problems(ctx.find_root().command, settings)]
+    problems = [*settings.problems, *_problems(ctx.find_root().command, settings, "".join(path[:1]))]
     said: dict[str, tuple[Setting, Any]] = {}
     params = {param.name: param for param in ctx.command.params}
     for name, setting in _Following(ctx, path, settings, typed).settings().items():
@@ -283,16 +285,23 @@ class _Following:
         return None if setting is None else setting.value
 
 
-def _problems(root: Any, settings: "Settings") -> Iterator[str]:
-    """A line for each key of a file, and each variable of a command, that matches no option."""
-    from hexctl.settings import Setting
+def _problems(root: Any, settings: "Settings", running: str) -> Iterator[str]:
+    """A line for each key of a file, and each variable of a command, that matches no option.
+
+    A plug-in other than the running command is not imported, because a stop must not depend on it.
+    """
+    from hexctl.settings import COMMANDS, Setting
 
     for name, text in settings.variables.items():
+        if _is_plugin(_words(name)[0], running):
+            continue
         command, path = _meant(root, name)
         if command is not root and (problem := _problem(root, path, Setting(text, name))) is not None:
             yield problem
     for file in settings.files:
         for path, setting in file.items():
+            if _is_plugin(path[1 if path[0] == COMMANDS and len(path) > 1 else 0], running):
+                continue
             if (problem := _problem(root, path, setting)) is not None:
                 yield problem
 
@@ -337,18 +346,31 @@ def _command(root: Any, path: "OptionPath") -> tuple[Any, int]:
 
 
 def is_option(root: Any, variable: str) -> bool:
-    """Whether a variable such as `HEXCTL_RUN_SEED` is an option that may be a setting."""
+    """Whether a variable such as `HEXCTL_RUN_SEED` is an option that may be a setting, or of a plug-in."""
+    if _is_plugin(_words(variable)[0]):
+        return True
     command, path = _meant(root, variable)
     return command is not root and path[-1] in _flags(command) and path[-1] not in TYPED_ONLY
 
 
 def _meant(root: Any, variable: str) -> "tuple[Any, OptionPath]":
     """The command of a variable, the root for none, and the path of its option."""
-    from hexctl.settings import PREFIX
-
-    words = tuple(variable.removeprefix(PREFIX).lower().split("_"))
+    words = _words(variable)
     command, depth = _command(root, words)
     return command, (*words[:depth], "-".join(words[depth:]))
+
+
+def _words(variable: str) -> tuple[str, ...]:
+    from hexctl.settings import PREFIX
+
+    return tuple(variable.removeprefix(PREFIX).lower().split("_"))
+
+
+def _is_plugin(name: str, running: str = "") -> bool:
+    """Whether a command is behind an entry point, and not the running one."""
+    if name in LISTED:
+        return LISTED[name].folder is None and name != running
+    return name != running and name in plugin_names("commands")
 
 
 def _flags(command: Any) -> list[str]:

@@ -123,6 +123,7 @@ class _Message:
 def _read(path: Path) -> Iterator[_Message]:
     """Intact messages; logs how much of a file is left out, raises InputError if every chunk is damaged."""
     try:
+        import lz4.block  # noqa: F401  before a file is opened
         import pyarrow
     except ModuleNotFoundError as error:
         raise MissingExtraError("reading a recording", "view") from error

@@ -32,7 +32,7 @@ def board(asked: dict[str, Any], as_json: JsonOption = False) -> None:
     """Simulate a servo board that speaks MAVLink 2, or servos on a bus.
 
     It runs until Ctrl-C. hexctl run --backend mavlink walks its simulated robot, and hexctl run --backend
-    feetech --connect PORT that behind servos on a bus.
+    feetech --port PORT that behind servos on a bus.
     """
     bus = asked["bus"]
     service = BoardService(**asked)

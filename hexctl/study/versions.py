@@ -10,7 +10,7 @@ _PACKAGES = ("hexctl", "mujoco", "dm_control", "numpy")
 PACKAGE = Path(__file__).resolve().parents[1]
 
 #: Parts of the package that decide how a robot walks; the modules directly in it count, too.
-ROOMS = ("adapt", "backends", "control", "gait", "ik", "learning", "robot", "study")
+ROOMS = ("adapt", "backends", "control", "gait", "ik", "learning", "robot", "runs", "study")
 
 
 @cache

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from hexctl.backends.robot_options import FAILURE, RobotOptions, check_backend_options
 from hexctl.control.trial_plan import GroundOptions
 from hexctl.errors import InputError, argument
-from hexctl.gait.gait import DEFAULT_GAIT, gait_text
+from hexctl.gait.gait import CHOSEN_GAITS, DEFAULT_GAIT, gait_text
 from hexctl.gait.posture import POSTURE
 from hexctl.options import RARE, Panel, Typed, check_fields
 
@@ -71,6 +71,11 @@ class DriveOptions(RobotOptions, GroundOptions):
 
     def __post_init__(self) -> None:
         check_fields(self)
+        if self.gait.partition(":")[0] in CHOSEN_GAITS:
+            raise InputError(
+                f"{argument('gait')}: got {self.gait}, chosen for a failed leg before a walk; "
+                "allowed: a gait by name, code or slots"
+            )
         if self.page is None:
             for name in ("page_keys", "page_view"):
                 if getattr(self, name) is not None:

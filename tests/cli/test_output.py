@@ -237,6 +237,7 @@ SHARED: dict[str, tuple[dict[str, Any], str]] = {
     "failure": ({"failed_leg": None, "failure": "5:limp"}, "--failure 5:limp"),
     "seed": ({"seed": 3}, "--seed 3"),
     "connect": ({"connect": "tcp/robot:7447"}, "--connect tcp/robot:7447"),
+    "port": ({"port": "/dev/ttyUSB0"}, "--port /dev/ttyUSB0"),
     "keys": ({"credentials": "folder"}, "--keys folder"),
     "insecure": ({"insecure": True}, "--insecure"),
     "link": ({"link": "link.yaml"}, "--link link.yaml"),

@@ -1,4 +1,4 @@
-"""Trials and sessions as the viewer shows them: in a window, side by side, live, and in a browser.
+"""Trials and sessions as the viewer shows them: in a window, live, and in a browser.
 
 Without a screen these tests are skipped; with HEXCTL_REQUIRE_ALL set, as .ci/run has it, they fail.
 """

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, SIMULATED_NOISE_M
-from hexctl.adapt.optimizers.shipped import BAYES, TRIM
+from hexctl.adapt.optimizers.shipped import BAYES, NAMES, TRIM
 from hexctl.adapt.prior.prior import KIND, PRIOR_DURATION_S, SCORES, in_whole_steps
 from hexctl.adapt.prior.prior_files import check_prior, find_prior, named_prior
 from hexctl.adapt.sessions.session_spec import SessionSpec
@@ -115,7 +115,7 @@ def _unbelieving(spec: SessionSpec, choice: str | None, believes: bool) -> Contr
     yield believes, f"{prior}: got none with {optimizer} bayes", "auto or a file"
     other = choice not in (None, "none")
     yield other, f"{prior}: got {choice} with {optimizer} {spec.optimizer}", "with trim or bayes"
-    stops = spec.early_stop and ":" not in spec.optimizer
+    stops = spec.early_stop and spec.optimizer in NAMES
     yield stops, f"{early}: used without a prior", "with bayes and a prior"
     given = spec.worth_m is not None
     yield given, f"{worth}: got {spec.worth_m} without a prior", "with bayes and a prior"

@@ -160,6 +160,9 @@ class ServoAssignmentOptions(BusOptions):
         Raises InputError for a model of servos that report theirs, and for one that the family does not have.
         """
         if not family.reports_model:
+            names = [model.name for model in family.models]
+            if self.model is not None and self.model not in names:
+                raise InputError(f"{argument('model')}: got {self.model}; allowed: {', '.join(names)}")
             return family.model(self.model or self._section().model).name
         if self.model is None:
             return None

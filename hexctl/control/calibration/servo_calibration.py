@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from hexctl.backends.base import CalibratedServos
-from hexctl.backends.registry import BackendOptions, check_options, make_servos
+from hexctl.backends.registry import BackendOptions, check_options, find_backend, make_servos
 from hexctl.control.calibration.backdriving import BackdrivenCalibration
 from hexctl.control.calibration.jogging import JoggedCalibration
 from hexctl.control.calibration.operator import INTRODUCTION, CalibrationResult, Operator
@@ -89,7 +89,7 @@ def _backend(file: RobotFile, given: str | None) -> str:
     Raises InputError for a backend other than the driver: its keys would be mixed with the driver's.
     """
     driver = file.content.servos.driver
-    if given is None or driver is None or given == driver or ":" in given:
+    if given is None or driver is None or given == driver or find_backend(given) is None:
         return given or driver or "mavlink"
     raise InputError(
         f"{argument('backend')}: got {given} for a file whose servos.driver is {driver}; allowed: {driver}"

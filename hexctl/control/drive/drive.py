@@ -113,6 +113,7 @@ class Drive:
         if recovery is None:
             recovery = default_recovery(simulated=self._guard.simulation is not None)
         self._recovery = make_recovery(recovery) if isinstance(recovery, str) else recovery
+        check_type(self._recovery, Recovery, "recovery", "a Recovery")
         self._gait = self._gait_of(gait)
         if body_raise is not None:
             self._gait = replace(self._gait, posture=replace(self._gait.posture, body_raise=body_raise))

@@ -26,6 +26,7 @@ from hexctl.control.trial import planned_walk
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import possible_hold
 from hexctl.control.walks.velocity_walk import MotionWalk, VelocityWalk
+from hexctl.errors import check_type
 from hexctl.gait.gait import Gait, ideal_speed_m_s
 from hexctl.robot.failure import ON_TRIAL, Failure, NoticedFailure
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState, leg_slice
@@ -433,6 +434,7 @@ def _steady(walk: Controller) -> bool:
 def recovering_walk(recovery: Recovery | None = None) -> Callable[[WalkStart], MonitoredWalk]:
     """Factory of walks that recover, for `run_trial`; recovery None glides to a gait for the intact legs."""
     decides = GlideToStableGait() if recovery is None else recovery
+    check_type(decides, Recovery, "recovery", "a Recovery")
 
     def make(start: WalkStart) -> MonitoredWalk:
         hold = possible_hold(start.plans[0], start.frame)

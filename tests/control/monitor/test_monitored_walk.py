@@ -10,6 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from hexctl import (
+    Drive,
     Failure,
     Guard,
     Robot,
@@ -29,6 +30,7 @@ from hexctl.control.preparation import WalkStart
 from hexctl.control.trial import planned_walk
 from hexctl.control.trial_plan import GaitChange
 from hexctl.control.walks.velocity_walk import VelocityWalk
+from hexctl.errors import WrongTypeError
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.robot.failure import NoticedFailure
 from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
@@ -364,3 +366,9 @@ def test_a_leg_on_trial_counts_as_missing_again_when_another_fails() -> None:
     assert tried.suspicion.step < 515 < other.suspicion.step == again.suspicion.step
     assert other.response == again.response
     assert [failure.leg for failure in walk.known_failures()] == [5, 6]
+
+
+def test_a_class_in_place_of_a_recovery_is_refused_before_a_robot_moves() -> None:
+    for use in (recovering_walk, lambda given: Drive("ant", recovery=given)):
+        with pytest.raises(WrongTypeError, match="recovery"):
+            use(StopWalking)  # type: ignore[arg-type]
