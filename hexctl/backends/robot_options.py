@@ -25,9 +25,10 @@ def lower_case(name: str) -> str:
     return text.lower()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RobotOptions(LinkOptions):
-    """The robot and its address."""
+# Without slots: a class has one base with slots, here the options of its end of the link.
+@dataclass(frozen=True, kw_only=True)
+class ServosOptions:
+    """The robot, its servos and their port."""
 
     PANEL: ClassVar = "Robot"
 
@@ -74,6 +75,11 @@ class RobotOptions(LinkOptions):
     udpout:HOST:PORT, with pca9685 the I2C bus, /dev/i2c-1. (default: that of the robot file, with mavlink
     udpout:127.0.0.1:14550)
     """
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotOptions(ServosOptions, LinkOptions):
+    """The robot and its address."""
 
 
 def check_backend_options(options: RobotOptions, *, but: tuple[str, ...] = ()) -> None:

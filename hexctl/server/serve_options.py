@@ -6,15 +6,15 @@ from types import NoneType
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from hexctl.backends.registry import BackendOptions, backend_names, check_options
-from hexctl.backends.robot_options import RobotOptions, lower_case
+from hexctl.backends.robot_options import ServosOptions, lower_case
 from hexctl.backends.sim.world import DEFAULT_WORLD
 from hexctl.errors import InputError, argument, check_type
-from hexctl.options import RARE, UNTYPED, Panel, Range, Typed, check_fields, check_used
+from hexctl.options import RARE, Panel, Range, Typed, check_fields, check_used
 from hexctl.robot.failure import Failure, failure_text
 from hexctl.robot.failure_grammar import option_of, read_failures_before
 from hexctl.robot.loader import load_robot_file
 from hexctl.server.idle import SIT_AFTER_RANGE_S, SIT_AFTER_S
-from hexctl.wire.links import Endpoint
+from hexctl.wire.links import CertificateOptions, Endpoint
 from hexctl.wire.ros.ros_names import MAX_DOMAIN, RosNode
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ OF_ROS = ("ros_domain", "ros_namespace", "ros_drive", "ros_humble")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ServedOptions(RobotOptions):
+class ServedOptions(ServosOptions, CertificateOptions):
     """Options that choose the served servos.
 
     Raises InputError for an invalid value, and for a simulation's option with other servos.
@@ -47,9 +47,6 @@ class ServedOptions(RobotOptions):
     """What moves: sim (simulation in real time), mavlink (a servo board), the driver of its servos, such as
     feetech or pca9685, mock (servos without a robot), or package.module:Class for custom servos.
     """
-
-    connect: Annotated[None, UNTYPED] = None
-    """Unused: servos are reached by `port`."""
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -109,7 +106,7 @@ class ServeOptions(ServedOptions):
     """
 
     device_keys: Annotated[str | Path | None, CONNECTION, RARE] = None
-    """With mavlink, folder with mavlink.key, the board's secret: only what it signed is believed. (default:
+    """With mavlink, folder with mavlink.key, the board's secret: only what it signed is accepted. (default:
     none)
     """
 

@@ -247,13 +247,10 @@ def load_link(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LinkOptions:
-    """Endpoint and certificates of a robot on the network."""
+class CertificateOptions:
+    """Certificates of either end of a link, and its file."""
 
     PANEL: ClassVar = "Connection"
-
-    connect: str | None = None
-    """Where hexctl serve listens, such as tcp/HOST:7447 or tls/HOST:7447. (default: tcp/127.0.0.1:7447)"""
 
     credentials: Annotated[str | Path | None, Typed(flag="keys")] = None
     """Folder of certificates that hexctl keys new made; needed beyond this computer. (default: none)"""
@@ -265,6 +262,14 @@ class LinkOptions:
     """YAML file that says where a robot is, its certificates and the names of its messages
     (docs/reference/zenoh.md). (default: none)
     """
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkOptions(CertificateOptions):
+    """Endpoint and certificates of a robot on the network."""
+
+    connect: str | None = None
+    """Where hexctl serve listens, such as tcp/HOST:7447 or tls/HOST:7447. (default: tcp/127.0.0.1:7447)"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
