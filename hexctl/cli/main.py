@@ -3,8 +3,7 @@
 import importlib
 import os
 import sys
-from collections import UserDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import ModuleType
 from typing import Annotated, Any
 
@@ -35,19 +34,25 @@ from hexctl.errors import (
 from hexctl.robot.plugins import find_plugin, plugin_names, plugins
 
 
-class _Loaded(UserDict[str, Any]):
+class _Loaded(Mapping[str, Any]):
     """Commands by name, each built when it is first looked up; metadata is read for an unknown name."""
 
+    def __init__(self) -> None:
+        self._built: dict[str, Any] = {}
+
     def __getitem__(self, name: str) -> Any:
-        if name not in self.data:
-            self[name] = _build(name, self.declared(name))
-        return super().__getitem__(name)
+        if name not in self._built:
+            self._built[name] = _build(name, self.declared(name))
+        return self._built[name]
 
     def __contains__(self, name: object) -> bool:
         return name in COMMANDS or name in plugin_names("commands")
 
     def __iter__(self) -> Iterator[str]:
         return iter(dict.fromkeys((*COMMANDS, *plugin_names("commands"))))
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
 
     def declared(self, name: str) -> Command:
         """Group and summary of a command; raises KeyError for an unknown name."""
@@ -60,7 +65,7 @@ class _Loaded(UserDict[str, Any]):
 class _Commands(HelpGroup):
     """The commands; each is imported when it is called, for a fast help and a fast stop."""
 
-    commands: _Loaded
+    commands: _Loaded  # type: ignore[assignment]  # commands are not replaced
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
@@ -68,12 +73,12 @@ class _Commands(HelpGroup):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a command; for a help text only its name and summary."""
+        if self._listing:
+            declared = self.commands.declared(cmd_name)
+            return TyperCommand(cmd_name, help=declared.summary, rich_help_panel=declared.panel)
         if cmd_name not in self.commands:
             return None
-        if not self._listing:
-            return self.commands[cmd_name]
-        declared = self.commands.declared(cmd_name)
-        return TyperCommand(cmd_name, help=declared.summary, rich_help_panel=declared.panel)
+        return self.commands[cmd_name]
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of all commands, in the order of the help."""
