@@ -14,7 +14,7 @@ from hexctl.adapt.sessions.store import RUNS
 from hexctl.doctor.connections import Connections, Device, read_connections
 from hexctl.doctor.machine import WALK_MB, Drawing, Machine, read_drawing, read_machine
 from hexctl.doctor.packages import Packages, read_packages
-from hexctl.doctor.plugin_check import PluginFound, read_plugins
+from hexctl.doctor.plugin_check import PluginReport, read_plugins
 from hexctl.doctor.settings_check import SettingsFound, no_option, read_settings_found
 from hexctl.export.render import RENDERERS
 from hexctl.installation import install_command
@@ -53,7 +53,7 @@ class Checkup:
     connections: Connections
     variables: dict[str, str]
     settings: SettingsFound
-    plugins: tuple[PluginFound, ...]
+    plugins: tuple[PluginReport, ...]
     works: dict[str, str | None]
 
     def to_dict(self) -> dict[str, Any]:

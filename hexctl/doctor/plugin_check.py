@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Container
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Any
 
 from hexctl.adapt.optimizer import Optimizer
@@ -17,7 +18,7 @@ from hexctl.robot.servos.drivers import FAMILIES
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PluginFound:
+class PluginReport:
     """One plug-in: group and name of its entry point, its distribution, and the error if it does not load."""
 
     group: str
@@ -27,8 +28,8 @@ class PluginFound:
     error: str | None
 
 
-def read_plugins(commands: Container[str] = ()) -> tuple[PluginFound, ...]:
-    """All plug-ins, each imported; `commands` are names that no plug-in of another distribution can use."""
+def read_plugins(commands: Container[str] = ()) -> tuple[PluginReport, ...]:
+    """Plug-ins of others, each imported, and own ones without a module; `commands` are taken names."""
     doors: dict[Door, tuple[Container[str], Any]] = {
         "servos": (BACKENDS, LegServos),
         "families": (FAMILIES, Family),
@@ -38,7 +39,7 @@ def read_plugins(commands: Container[str] = ()) -> tuple[PluginFound, ...]:
         "arenas": ((), Callable),
     }
     return tuple(
-        PluginFound(
+        PluginReport(
             group=plugin.entry.group,
             name=plugin.entry.name,
             distribution=plugin.distribution.partition(" ")[0],
@@ -47,7 +48,15 @@ def read_plugins(commands: Container[str] = ()) -> tuple[PluginFound, ...]:
         )
         for door, (taken, kind) in doors.items()
         for plugin in plugins(door)
+        if not (plugin.is_own and _is_present(plugin.entry.module))
     )
+
+
+def _is_present(module: str) -> bool:
+    try:
+        return find_spec(module) is not None
+    except ModuleNotFoundError:  # of its package
+        return False
 
 
 def _problem(plugin: Plugin, taken: Container[str], kind: Any) -> str | None:

@@ -84,7 +84,8 @@ def find_plugin(door: Door, name: str) -> Plugin | None:
     """
     found = [one for one in plugins(door) if one.entry.name == name]
     if len(found) > 1 and not found[0].is_own:
-        raise InputError(f"{' and '.join(map(str, found))} have one name; uninstall one of them")
+        offering = " and ".join(one.distribution for one in found)
+        raise InputError(f"{len(found)} distributions offer {name!r}: {offering}; uninstall all but one")
     return next(iter(found), None)
 
 

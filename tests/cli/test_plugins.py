@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from typer.main import get_command
 
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
@@ -14,6 +15,8 @@ from hexctl.backends.bus.family import find_family
 from hexctl.backends.bus.servos import BusServos
 from hexctl.backends.registry import BackendOptions, make_servos, raw_map_of
 from hexctl.cli import completion
+from hexctl.cli.commands import COMMANDS
+from hexctl.cli.main import app
 from hexctl.control.monitor.recovery import WalkOn, make_recovery
 from hexctl.doctor.plugin_check import read_plugins
 from hexctl.errors import InputError, MissingExtraError
@@ -146,12 +149,30 @@ def test_a_name_of_two_distributions_is_refused_with_both(install: Install) -> N
     assert all(one.error for one in read_plugins() if one.name == "out")
 
 
-def test_a_shipped_name_stays_hexctls(install: Install) -> None:
-    install(
-        servos="mock = outside:Servos", optimizers="pso = outside:Search", commands="estop = outside:greet"
-    )
-    assert make_optimizer("pso", GaitSpace((5,)), 0).name == "pso"
-    assert [one.name for one in read_plugins(["estop"]) if one.error] == ["mock", "pso", "estop"]
+@pytest.mark.parametrize(
+    ("door", "name", "used"),
+    [
+        ("optimizers", "random", lambda name: make_optimizer(name, GaitSpace((5,)), 0)),
+        ("recoveries", "glide", make_recovery),
+        ("servos", "sim", lambda name: make_servos(name, BackendOptions(robot=load_robot("ant")))),
+        ("families", "feetech", find_family),
+        ("commands", "estop", lambda name: get_command(app).commands[name]),  # type: ignore[attr-defined]
+    ],
+)
+def test_a_shipped_name_stays_hexctls(
+    door: str, name: str, used: Callable[[str], object], install: Install
+) -> None:
+    install(**{door: f"{name} = outside:greet"})
+    assert used(name)
+    assert "outside" not in sys.modules
+    assert [one.name for one in read_plugins(COMMANDS) if one.error] == [name]
+
+
+def test_an_own_command_is_reported_if_its_module_is_missing(install: Install) -> None:
+    install("hexctl", commands="sim = hexctl.simulators.sim_command:sim\nsee = hexctl.no_room.see:see")
+    found = [one for one in read_plugins(COMMANDS) if one.distribution == "hexctl"]
+    assert [one.name for one in found] == ["see"]
+    assert "no_room" in str(found[0].error)
 
 
 def test_a_command_of_a_plugin_is_listed_unimported_and_runs(install: Install, call: Call) -> None:
