@@ -43,7 +43,10 @@ def _or_nan(value: Any) -> float:
 
 def _path(value: Any) -> FloatArray:
     """Points of a path, (T, 2), with NaN for None."""
-    return np.array(value or [], dtype=float).reshape(-1, 2)
+    path_m = np.array(value or np.empty((0, 2)), dtype=float)
+    if path_m.shape[1:] != (2,):
+        raise ValueError(f"got shape {path_m.shape}; allowed: rows of two numbers")
+    return path_m
 
 
 #: Types of JSON values. Angles are in degrees there, and unknown numbers null.

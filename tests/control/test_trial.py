@@ -213,7 +213,10 @@ def test_results_compare_by_value_and_travel_as_json() -> None:
         assert TrialResult.from_dict(data).to_dict(path=True) == data
     assert set(one.to_dict()["deviation_m"]) == {"final", "mean", "max", "signed"}
     assert TrialResult.from_dict(one.to_dict()).path_m.shape == (0, 2)
-    for data in ({}, {"status": "ok"}, 3, None):
+    paths = [
+        {**one.to_dict(), "path_m": rows} for rows in ([[1, 2, 3, 4]], [1, 2], [[[1, 2]]], [[1, 2], [3]])
+    ]
+    for data in ({}, {"status": "ok"}, 3, None, *paths):
         with pytest.raises(InputError, match="trial result"):
             TrialResult.from_dict(data)  # type: ignore[arg-type]
 
