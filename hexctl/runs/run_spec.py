@@ -248,16 +248,16 @@ class RunSpec(RecordedOptions, WalkOptions, GroundOptions):
             )
         if len(self.failures) < 2 or AUTO not in (self.gait, *self.names_then):
             return
-        got = f"{','.join(map(str, self.failed_legs))} with {argument('gait')} {AUTO}"
+        legs = f"{','.join(map(str, self.failed_legs))} with {argument('gait')} {AUTO}"
         if len(self.failures) > MOST_RECOVERED:
             raise InputError(
-                f"{argument('failed_leg')}: got {got}; no gait keeps a robot up on three legs; "
+                f"{argument('failed_leg')}: got {legs}; no gait keeps a robot up on three legs; "
                 "allowed: one leg or two, or a gait by its name or code"
             )
         for name in ("swing_share", "stance_shift"):
-            if getattr(self, name) is not None:
+            if (got := getattr(self, name)) is not None:
                 raise InputError(
-                    f"{argument(name)}: cannot be combined with failed legs {got}, which finds its own; "
+                    f"{argument(name)}: got {got} for failed legs {legs}, which chooses it; "
                     "allowed: with one failed leg, or with a gait by its name, code or slots"
                 )
 
