@@ -75,7 +75,7 @@ def test_an_import_loads_nothing_heavy() -> None:
     ("module", "name", "extra"), [("dm_control", "SimServos", "sim"), ("cv2", "vision.RobotCamera", "see")]
 )
 def test_a_missing_extra_is_named(module: str, name: str, extra: str) -> None:
-    code = f"import sys; sys.modules[{module!r}] = None\nimport hexctl\ntry: hexctl.{name}\n"
+    code = f"import sys; sys.modules[{module!r}] = None\nimport hexctl, hexctl.vision\ntry: hexctl.{name}\n"
     said = python(f"{code}except ImportError as error: print(error)")
     assert said.startswith(f'hexctl.{name} needs the "{extra}" extra: ')
     assert f"[{extra}]" in said

@@ -136,6 +136,7 @@ def test_a_folder_with_other_things_is_refused(tmp_path: Path) -> None:
         ({"self_rotation": "left"}, "self_rotation"),
         ({"worlds": 101}, "worlds"),
         ({"optimizers": ("pso", "genetic")}, "genetic"),
+        ({"optimizers": ("pso", 5)}, "optimizer"),
         ({"robot": "ant"}, "robot"),
     ],
 )
