@@ -369,8 +369,8 @@ class Guard(ServosWrapper):
             self._walked.walk(state, now_s)
         if position is None or not all_finite(position):
             return state
-        believed = self.positions.believes(position, now_s) and (trusted or self._walked.follows(position))
-        return state if believed else replace(state, base_position_world=None)
+        accepted = self.positions.accepts(position, now_s) and (trusted or self._walked.follows(position))
+        return state if accepted else replace(state, base_position_world=None)
 
     def _check(self, targets: JointTargets, now_s: float) -> None:
         try:

@@ -46,9 +46,9 @@ def pace(temperatures_c: FloatArray) -> float:
 
 
 class Temperatures:
-    """Believed temperatures of servos.
+    """Accepted temperatures of servos.
 
-    A servo warms by less than a degree per second. A jump is believed once it has lasted, the first reading
+    A servo warms by less than a degree per second. A jump is accepted once it has lasted, the first reading
     at once; a missing one changes nothing.
     """
 
@@ -59,7 +59,7 @@ class Temperatures:
         self._seen_s: FloatArray = np.empty(0)
 
     def take(self, temperatures_c: FloatArray, now_s: float) -> FloatArray:
-        """Believed temperatures, (n,), with new readings, (n,); NaN before the first."""
+        """Accepted temperatures, (n,), with new readings, (n,); NaN before the first."""
         new = np.asarray(temperatures_c, dtype=float)
         if self._accepted_c is None or self._accepted_c.shape != new.shape:
             self._accepted_c, self._doubted = np.full(new.shape, np.nan), np.full(new.shape, np.nan)
@@ -198,7 +198,7 @@ class PositionCheck:
         self._doubted_at_s = -math.inf
         self._jump_m = 0.0
 
-    def believes(self, position_world: FloatArray, now_s: float) -> bool:
+    def accepts(self, position_world: FloatArray, now_s: float) -> bool:
         """Whether a position (3,) in m is plausible at a time, in s on any clock."""
         position = position_world.tolist()
         if self._last is None:
@@ -219,7 +219,7 @@ class PositionCheck:
         """Message about a recent jump, the first of several, or None."""
         if now_s - self._doubted_at_s > REPEAT_S:
             return None
-        return f"the position jumped by {self._jump_m:.3g} m, which is not believed"
+        return f"the position jumped by {self._jump_m:.3g} m, which is ignored"
 
     def forget(self) -> None:
         """Accept the next position as it is, for a robot that may have been carried."""

@@ -34,7 +34,7 @@ class HoldCase:
 
     @property
     def leg_failure(self) -> Failure | None:
-        """The failure, as the simulation is given it and the controller believes it."""
+        """The failure, of the simulation, which the controller knows."""
         return parse_kind(self.leg, self.failure) if self.leg else None
 
 

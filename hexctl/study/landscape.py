@@ -98,7 +98,7 @@ class LandscapeSpec(Place[int, GaitWalk]):
 
     @property
     def leg_failure(self) -> Failure:
-        """The failure of the leg, as the simulation is given it and the controller believes it."""
+        """The failure of the leg, of the simulation, which the controller knows."""
         return parse_kind(self.leg, self.failure)
 
     @cached_property

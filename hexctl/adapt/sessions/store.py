@@ -69,12 +69,11 @@ class SessionStore:
         self._locks: dict[str, int] = {}
         make_folder(folder)
 
-    def create(self, spec: SessionSpec, until: ExitStack | None = None) -> Session:
+    def create(self, spec: SessionSpec, lock_stack: ExitStack | None = None) -> Session:
         """Add a session with a new name, on the disk when this returns.
 
         Args:
-            until: keeps other processes from continuing or deleting the session until it is closed, as
-                `held` does; None holds nothing.
+            lock_stack: keeps the session locked until it is closed, as `locked` does; None locks nothing.
 
         Raises StoreError when the disk refuses.
         """
@@ -85,8 +84,8 @@ class SessionStore:
         stem = f"{now:%Y%m%d-%H%M%S}-leg{spec.broken.leg}-{optimizer}"
         session = Session(name=stem, spec=spec, created=now.isoformat(timespec="seconds"))
         line = standing_line(session)
-        with ExitStack() as until_made:
-            stack = until_made if until is None else until
+        with ExitStack() as creation:
+            stack = creation if lock_stack is None else lock_stack
             try:
                 session.name = self._made_folder(stem)
                 lock = stack.enter_context(_made(self.folder / session.name / FILE_NAME, line))

@@ -108,9 +108,9 @@ class BackdrivenCalibration:
             if raw is None:
                 continue
             for joint in joints:
-                believed_deg = math.degrees(self._map.angles_rad(raw)[joint])
+                assumed_deg = math.degrees(self._map.angles_rad(raw)[joint])
                 true_deg = pose_deg[joint % JOINTS_PER_LEG] if told_deg is None else told_deg
-                self._map = self._map.referenced(joint, believed_deg, true_deg)
+                self._map = self._map.referenced(joint, assumed_deg, true_deg)
             return {joint: float(raw[joint]) for joint in joints}
 
     def _find_ends(self, joint: int, reference: float | None) -> bool:

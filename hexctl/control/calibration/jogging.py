@@ -57,7 +57,7 @@ class JoggedCalibration:
         self._guard, self._servos, self._robot = guard, servos, guard.robot
         self._operator, self._result, self._stop_requested = operator, result, stop_requested
         self._targets_rad: FloatArray = guard.accepted_rad().copy()
-        self._believe_in_range()
+        self._assume_in_range()
 
     def run(self, joints: list[int]) -> None:
         """Calibrate some joints, 0..17, until done or ended by the operator."""
@@ -82,7 +82,7 @@ class JoggedCalibration:
         """The pulse or count that the servo of a joint gets."""
         return float(self._map.raw(self._targets_rad)[joint])
 
-    def _believe_in_range(self) -> None:
+    def _assume_in_range(self) -> None:
         """Begin with a map in which every joint is within its range.
 
         The guard would otherwise move a joint back into its range at full speed, by an uncalibrated angle.
@@ -90,8 +90,8 @@ class JoggedCalibration:
         robot, servo_map = self._robot, self._map
         within_rad = np.clip(self._targets_rad, robot.joint_lower_rad, robot.joint_upper_rad)
         for joint in np.flatnonzero(within_rad != self._targets_rad).tolist():
-            believed_deg, true_deg = math.degrees(self._targets_rad[joint]), math.degrees(within_rad[joint])
-            servo_map = servo_map.referenced(joint, believed_deg, true_deg)
+            assumed_deg, true_deg = math.degrees(self._targets_rad[joint]), math.degrees(within_rad[joint])
+            servo_map = servo_map.referenced(joint, assumed_deg, true_deg)
         if servo_map is not self._map:
             self._remap(servo_map)
 
@@ -171,8 +171,8 @@ class JoggedCalibration:
                 if not lower <= true_deg <= upper:
                     self._operator.tell(f"  got {true_deg:g}; allowed: {lower:g} to {upper:g} deg")
                     continue
-                believed_deg = self._angle_deg(joint)
-                self._remap(self._map.referenced(joint, believed_deg, true_deg))
+                assumed_deg = self._angle_deg(joint)
+                self._remap(self._map.referenced(joint, assumed_deg, true_deg))
                 return
             self._step(joint, answer, f"{STEP_HELP}, at DEGREES, ok, skip, quit")
 

@@ -113,7 +113,7 @@ class VelocityHold:
 
 
 def _share(desired: FloatArray, commanded: FloatArray, most: FloatArray) -> float:
-    """Share of the wanted velocity that the legs walk now, 0 to 1."""
+    """Share of the desired velocity that the legs walk now, 0 to 1."""
     scale = np.maximum(most, 1e-9)
     asked, now = desired / scale, commanded / scale
     squared = float(asked @ asked)

@@ -32,7 +32,7 @@ LEAST_GAIN = 0.05
 #: Largest h: with it, the slowest pairs of limp legs on weak servos made 0.76 of their speed instead of 0.50.
 MOST_HASTE = 1.5
 
-#: Rise of h that is told.
+#: Rise of h that is reported.
 REPORTED_RISE = 0.1
 
 #: Time constant that smooths the measured position, in cycles.

@@ -1,4 +1,4 @@
-"""Find the chains of hinges that form the legs of a robot description; extra hinges are held."""
+"""Find the chains of hinges that form the legs of a robot description; extra hinges are fixed."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ Chain = tuple[TreeJoint, ...]
 
 
 def fixed_text(fixed_rad: Mapping[str, float]) -> str:
-    """Names of held hinges with their angles."""
+    """Names of fixed hinges with their angles."""
     names: dict[str, list[str]] = {}
     for name, angle_rad in fixed_rad.items():
         names.setdefault(f"{math.degrees(angle_rad):.4g} deg", []).append(name)
@@ -33,9 +33,9 @@ def fixed_text(fixed_rad: Mapping[str, float]) -> str:
 
 
 def with_three_hinges(tree: LinkTree) -> tuple[LinkTree, dict[str, float]]:
-    """The robot with three hinges per leg, and the angles of the hinges held for that, by name.
+    """The robot with three hinges per leg, and the angles of the hinges fixed for that, by name.
 
-    Of the hinges of a leg without which it is a leg, the one that moves the foot least is held: in the
+    Of the hinges of a leg without which it is a leg, the one that moves the foot least is fixed: in the
     stance of the file, else at zero, or in the middle of a range without zero.
 
     Raises InputError for legs of more hinges of which no three are those of a leg.
