@@ -259,7 +259,7 @@ class PoseStream:
         if self._last.frozen:
             return "the pictures stand still while its legs walk: does the camera hang?"
         if self._last.robot is not None:
-            return "its tag is seen, but not believed: was the camera moved?"
+            return "its tag is seen, but not accepted: was the camera moved?"
         return "its tag is not seen"
 
     def _show(self, frame: Frame, estimate: PoseEstimate) -> None:
@@ -300,7 +300,7 @@ def _lines(estimate: PoseEstimate, observation: Observation) -> list[str]:
     if pose is not None:
         where = f"{pose.x_m:+.3f} {pose.y_m:+.3f} m  {math.degrees(pose.yaw_rad):+.1f} deg"
     if robot is not None:
-        doubt = "" if observation.accepted else ", not believed"
+        doubt = "" if observation.accepted else ", not accepted"
         return [where, f"tag {robot.tag.edge_px:.0f} px, quality {robot.quality:.2f}{doubt}"]
     if pose is None:
         return [where, "tag not seen"]

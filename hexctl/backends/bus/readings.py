@@ -9,7 +9,7 @@ import numpy as np
 from hexctl.backends.bus.servo_bus import Report, ServoBus
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, ServoReadings
 
-#: Readings in a row that must agree to be believed after an implausible jump, and as the first ones.
+#: Readings in a row that must agree to be accepted after an implausible jump, and as the first ones.
 AGREEING, AGREEING_AT_FIRST = 3, 2
 
 #: Polls of all servos after which positions that do not agree are left.
@@ -24,9 +24,9 @@ VOLTAGE_V, TEMPERATURE_C = 1.5, 5.0
 
 @dataclass(slots=True)
 class _Quantity:
-    """Newest believed value of one quantity, and one in doubt with the number of agreeing values, `times`.
+    """Newest accepted value of one quantity, and one in doubt with the number of agreeing values, `times`.
 
-    `follows` is whether the next value must follow on the believed one.
+    `follows` is whether the next value must follow on the accepted one.
     """
 
     value: float = math.nan
@@ -35,7 +35,7 @@ class _Quantity:
     times: int = 0
 
     def take(self, value: float, reach: float) -> bool:
-        """Whether the value was taken: it is within reach of the believed one, or enough readings agree."""
+        """Whether the value was taken: it is within reach of the accepted one, or enough readings agree."""
         self.times = self.times + 1 if abs(value - self.doubted) <= reach else 1
         near = self.follows and abs(value - self.value) <= reach
         if near or self.times >= (AGREEING if self.follows else AGREEING_AT_FIRST):
@@ -64,7 +64,7 @@ class BelievedReadings:
         )
         self._efforts, self._currents = [math.nan] * N_JOINTS, [math.nan] * N_JOINTS
         self._heard_at_s = [-math.inf] * N_JOINTS
-        self._measured_at_s = [-math.inf] * N_JOINTS  # when a position was believed
+        self._measured_at_s = [-math.inf] * N_JOINTS  # when a position was accepted
         self._errors = [""] * N_JOINTS
         self.implausible = 0
 
@@ -80,7 +80,7 @@ class BelievedReadings:
 
     @property
     def heard_at_s(self) -> FloatArray:
-        """Times of the newest reading of each joint, believed or not."""
+        """Times of the newest reading of each joint, accepted or not."""
         return np.array(self._heard_at_s)
 
     def take(self, reports: Sequence[Report]) -> None:
@@ -89,10 +89,10 @@ class BelievedReadings:
             joint = report.index
             # Since the last reading, not the last accepted one: in time, any value would become plausible.
             reach = self._jumps[joint] + self._speeds[joint] * (report.at_s - self._heard_at_s[joint])
-            if self._believe(self._positions[joint], report.position, reach):
+            if self._accept(self._positions[joint], report.position, reach):
                 self._measured_at_s[joint] = report.at_s
-            self._believe(self._voltages[joint], report.voltage_v, VOLTAGE_V)
-            self._believe(self._temperatures[joint], report.temperature_c, TEMPERATURE_C)
+            self._accept(self._voltages[joint], report.voltage_v, VOLTAGE_V)
+            self._accept(self._temperatures[joint], report.temperature_c, TEMPERATURE_C)
             self._heard_at_s[joint] = report.at_s
             self._efforts[joint], self._currents[joint] = report.effort, report.current_a
             self._errors[joint] = report.error
@@ -105,7 +105,7 @@ class BelievedReadings:
             each.forget_doubt()
 
     def servos(self, now_s: float) -> ServoReadings:
-        """Readings with the ages of the believed positions."""
+        """Readings with the ages of the accepted positions."""
         return ServoReadings(
             ages_s=now_s - np.array(self._measured_at_s),
             efforts=np.array(self._efforts),
@@ -115,7 +115,7 @@ class BelievedReadings:
             errors=tuple(self._errors),
         )
 
-    def _believe(self, quantity: _Quantity, value: float, reach: float) -> bool:
+    def _accept(self, quantity: _Quantity, value: float, reach: float) -> bool:
         if math.isnan(value):
             return False
         follows, taken = quantity.follows, quantity.take(value, reach)

@@ -103,7 +103,7 @@ class ServoBus(ABC):
 
     Attributes:
         mute_s: silence after which a servo is mute.
-        stale_s: age of a believed position after which a servo was not measured with the others.
+        stale_s: age of a accepted position after which a servo was not measured with the others.
         reports_limp: whether its reports complain of lost torque.
         damage: bytes outside answers during the search for servos.
         lowest, highest: stored limits of goals, in counts, (n,); none before `settings`.
