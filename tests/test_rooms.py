@@ -7,15 +7,15 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
     "": 2_440,
-    "adapt": 7_680,
-    "backends": 10_680,
+    "adapt": 7_675,
+    "backends": 10_685,
     "cli": 6_480,
     "client": 1_020,
-    "control": 13_460,
+    "control": 13_465,
     "demo": 220,
-    "doctor": 625,
-    "export": 1_830,
-    "gait": 740,
+    "doctor": 635,
+    "export": 1_825,
+    "gait": 735,
     "identify": 1_665,
     "ik": 1_190,
     "learning": 430,
@@ -26,9 +26,9 @@ CEILINGS = {
     "simulators": 3_325,
     "study": 6_995,
     "teleop": 1_970,
-    "testing": 650,
+    "testing": 640,
     "vision": 4_835,
-    "wire": 3_320,
+    "wire": 3_325,
 }
 
 
