@@ -11,29 +11,29 @@ from hexctl.types import JOINT_NAMES, N_LEGS
 
 LEG_NAMES = tuple(f"leg{leg}" for leg in range(1, N_LEGS + 1))
 
-#: Binary places of stored numbers: an error of 8 micrometres or microradians at most.
+#: Binary places of stored numbers: an error of 8 millionths of their unit at most, such as 8 um or 8 urad/s.
 FINE_BITS = 16
 
-#: Binary places of measured quantities: an error of 2 mN m at most.
+#: Binary places of coarser ones: an error of 2 thousandths of their unit at most, such as 2 mN m or 2 mrad/s.
 COARSE_BITS = 8
 
 #: Ticks between rows of sparse quantities: ten rows a second.
 SPARSE_TICKS = 5
 
-#: ROS message of a quantity: a field of `JointState`, a `TwistStamped`, a `Vector3Stamped`, or an array.
-Message = Literal["effort", "velocity", "twist", "vector", "array"]
+#: ROS message of a quantity: a field of `JointState`, a `TwistStamped`, or an array.
+Message = Literal["effort", "velocity", "twist", "array"]
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A quantity with a value at each tick; unknown values are NaN, 0 or False.
+    """A quantity with a value at each tick; a log keeps truths as 0 or 1, and unknown values as NaN.
 
     Attributes:
         name: in the log.
         shape: of a value, () for a number.
         kind: float, int or bool.
-        parts: names of its numbers.
-        table: names of its numbers in tables, with a part for {}; empty for a number, which has `name`.
+        parts: names of its numbers; a single number is called like the column.
+        table: names of its numbers in tables, with a part for {}.
         source: attribute of `RobotState`; empty if hexctl knows it without a measurement.
         optional: whether a robot may not measure it.
         entity: in recordings; None if its numbers are not recorded.
@@ -50,7 +50,7 @@ class Column:
     kind: type = float
     _: KW_ONLY
     parts: tuple[str, ...] = ()
-    table: str = ""
+    table: str = "{}"
     source: str = ""
     optional: bool = False
     entity: str | None = None
@@ -61,10 +61,13 @@ class Column:
     message: Message = "array"
     feature: str | None = None
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parts", self.parts or (self.name,))
+
     @property
     def fields(self) -> tuple[str, ...]:
         """Names of its numbers in tables, such as `measured_leg1_coxa_rad`."""
-        return tuple(self.table.format(part) for part in self.parts) or (self.name,)
+        return tuple(self.table.format(part) for part in self.parts)
 
 
 def _column(name: str, parts: Sequence[str], table: str, **more: Any) -> Column:
@@ -120,8 +123,7 @@ COLUMNS: tuple[Column, ...] = (
         "angular_velocity_{}_rad_s",
         entity="angular_velocity",
         title="angular velocity (rad/s)",
-        topic="/angular_velocity",
-        message="vector",
+        bits=FINE_BITS,
         feature="observation.angular_velocity",
     ),
     _column(

@@ -55,7 +55,6 @@ class TickLog:
         frame: the trial frame, from the start of the walk on.
         posed_from: the first row with a base position, None before any.
         walk_from: the first row of the walk, None before it.
-        missing: names of columns that the last tick did not measure.
         notes: rows and texts of events, such as new warnings of the robot.
         servo_rows: rows and reports of single servos, once a second.
     """
@@ -65,7 +64,6 @@ class TickLog:
         self.phase = PHASES[0]
         self.frame: TrialFrame | None = None
         self.posed_from: int | None = None
-        self.missing: set[str] = set()
         self.walked_ticks = 0
         self.walk_from: int | None = None
         self.notes: list[tuple[int, str]] = []
@@ -108,9 +106,6 @@ class TickLog:
         time_s, walk_s = values["time_s"], np.zeros(len(self))
         if self.walk_from is not None:
             walk_s = np.maximum(0.0, time_s - time_s[self.walk_from])
-        for name in self.missing:
-            if not values[name].any():  # False if it was never measured
-                del values[name]
         values |= {"time_s": time_s - time_s[:1], "walk_s": walk_s}
         return pandas.DataFrame(frame_columns(values))
 
@@ -129,11 +124,8 @@ class TickLog:
         columns["phase"][row] = PHASES.index(self.phase)
         columns["wanted_rad"][row] = requested_rad
         columns["commanded_rad"][row] = sent.joint_positions_rad
-        self.missing.clear()
         for column in SENSED:
-            if (values := getattr(state, column.source)) is None:
-                self.missing.add(column.name)
-            else:
+            if (values := getattr(state, column.source)) is not None:
                 columns[column.name][row] = values
         if state.base_position_world is not None and self.posed_from is None:
             self.posed_from = index
@@ -289,7 +281,10 @@ class _Active:
 
 
 def frame_columns(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Columns (T,) of a data frame by name, in the order of `COLUMNS`; missing optional ones are NaN."""
+    """Columns (T,) of a data frame by name, in the order of `COLUMNS`; missing optional ones are NaN.
+
+    Truths are bools if all of them are known.
+    """
     ticks, frame = len(values["time_s"]), dict[str, Any]()
     for column in COLUMNS:
         each = values.get(column.name)
@@ -299,6 +294,8 @@ def frame_columns(values: Mapping[str, Any]) -> dict[str, Any]:
             each = np.full((ticks, *column.shape), np.nan)
         if column.name == "phase":
             each = np.array(PHASES)[each]
+        if column.kind is bool and np.isfinite(each).all():
+            each = each.astype(bool)
         frame |= dict(zip(column.fields, each.reshape(ticks, len(column.fields)).T, strict=True))
         if column.name == "time_s":
             frame["walk_s"] = values["walk_s"]

@@ -13,7 +13,7 @@ import numpy as np
 
 from hexctl.adapt.sessions.session_tables import export_session
 from hexctl.adapt.sessions.store import RUNS, StoreError
-from hexctl.columns import READINGS, RECORDED, Column
+from hexctl.columns import READINGS, RECORDED
 from hexctl.control.log import frame_columns
 from hexctl.errors import InputError, MissingExtraError, argument, is_of_disk
 from hexctl.export.export_options import (
@@ -40,7 +40,7 @@ def trial_columns(trial: RecordedTrial) -> dict[str, Any]:
     """Columns of a trial by name, (T,) each; NaN, or an empty text, if nothing was recorded."""
     ticks = len(trial)
     columns: dict[str, Any] = {"stamp_ns": trial.stamps_ns}
-    sensors = {one.name: _values(one, trial) for one in RECORDED if one.name in trial.sensors}
+    known = [one.name for one in RECORDED if one.name in trial.sensors]
     columns |= frame_columns(
         {
             "time_s": trial.time_s,
@@ -51,7 +51,7 @@ def trial_columns(trial: RecordedTrial) -> dict[str, Any]:
             "base_position_world": trial.base_position_world,
             "base_quaternion_world": trial.base_quaternion_world,
             "leg_suspicion": trial.leg_suspicion.at_every_tick(ticks),
-            **sensors,
+            **{name: trial.sensors[name].at_every_tick(ticks) for name in known},
         }
     )
     for reading in READINGS:
@@ -62,12 +62,6 @@ def trial_columns(trial: RecordedTrial) -> dict[str, Any]:
         texts[event.row] = "; ".join(filter(None, (texts[event.row], event.text)))
     columns["events"] = np.array(texts, dtype=object)
     return columns
-
-
-def _values(column: Column, trial: RecordedTrial) -> Any:
-    """Values at every tick, NaN if unknown; truths as such if all are known."""
-    values = trial.sensors[column.name].at_every_tick(len(trial))
-    return values.astype(bool) if column.kind is bool and np.isfinite(values).all() else values
 
 
 def write_csv(trial: RecordedTrial, path: Path) -> None:

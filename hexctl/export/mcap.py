@@ -170,13 +170,17 @@ def _odometry(trial: RecordedTrial) -> Iterator[Stamped]:
 
 
 def _imu(trial: RecordedTrial) -> Iterator[Stamped]:
-    """For a robot without a position, whose orientation has no other topic."""
-    known = np.isfinite(trial.base_quaternion_world).all(axis=-1)
-    if trial.posed.any() or not (trial.base_quaternion_world[known] != (1.0, 0.0, 0.0, 0.0)).any():
-        return
-    for row in np.flatnonzero(known).tolist():
+    """Angular velocity, and the orientation of a robot without a position, which has no other topic."""
+    quaternions = trial.base_quaternion_world
+    turned = np.flatnonzero(np.isfinite(quaternions).all(axis=-1)).tolist()
+    if trial.posed.any() or not (quaternions[turned] != (1.0, 0.0, 0.0, 0.0)).any():
+        turned = []
+    rates = trial.sensors.get("angular_velocity_body_rad_s")
+    rates_rad_s = {} if rates is None else dict(zip(rates.rows.tolist(), rates.values, strict=True))
+    known = dict(zip(turned, quaternions[turned], strict=True))
+    for row in sorted({*known, *rates_rad_s}):
         stamp_ns = int(trial.stamps_ns[row])
-        yield stamp_ns, "/imu/data", telemetry.imu().encode(stamp_ns, xyzw(trial.base_quaternion_world[row]))
+        yield stamp_ns, "/imu/data", telemetry.encode_imu(stamp_ns, known.get(row), rates_rad_s.get(row))
 
 
 def _sensor(trial: RecordedTrial, column: Column, topic: str) -> Iterator[Stamped]:

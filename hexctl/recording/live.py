@@ -153,7 +153,6 @@ def rows_of(log: TickLog, start: int, stop: int) -> dict[str, Any]:
         "start": start,
         "rows": {name: log.rows(name, start, stop) for name in COLUMN_NAMES},
         "frame": log.frame,
-        "missing": set(log.missing),
         "servo_rows": log.servo_rows.between(start, stop),
         "notes": [note for note in log.notes if start <= note[0] < stop],
         "leg_changes": [change for change in log.leg_changes if start <= change.row < stop],

@@ -63,7 +63,7 @@ class Feed:
 
 def append(log: TickLog, block: dict[str, Any]) -> None:
     """Append the rows of a block and their events, as made by `rows_of` of a log that may be longer."""
-    log.frame, log.missing = block["frame"], block["missing"]
+    log.frame = block["frame"]
     shift = len(log) - block["start"]
     for row, servos in block["servo_rows"]:
         log.servo_rows.append(row + shift, servos)

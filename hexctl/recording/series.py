@@ -1,5 +1,6 @@
 """The series of a recording: stored, plotted and read back, each declared once."""
 
+from itertools import cycle, islice
 from typing import NamedTuple
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from hexctl.columns import COARSE_BITS, FINE_BITS, READINGS, RECORDED, Column
 from hexctl.palette import ALARM_COLOR, JOINT_COLORS, LEG_COLORS, MARGIN_COLOR
 from hexctl.recording import paths, style
-from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS, FloatArray
+from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_JOINTS, N_LEGS, FloatArray
 
 #: Binary places of joint angles: steps of 0.014 degrees, a sixth of what servos resolve.
 ANGLE_BITS = 12
@@ -38,9 +39,9 @@ _JOINT_COLORS = tuple(JOINT_COLORS[kind][1] for kind in JOINT_KINDS) * N_LEGS
 
 
 def _series(column: Column) -> Series:
-    colors = _JOINT_COLORS if len(column.parts) != N_LEGS else LEG_COLORS
     entity, count = column.entity or column.name, len(column.parts)
-    return Series(entity, column.title, column.parts, colors[:count], column.bits, source=column.name)
+    colors = tuple(islice(cycle(_JOINT_COLORS if count == N_JOINTS else LEG_COLORS), count))
+    return Series(entity, column.title, column.parts, colors, column.bits, source=column.name)
 
 
 DEVIATION = Series(

@@ -29,7 +29,6 @@ PLUMB_COLOR = (200, 206, 214)
 
 #: States of a foot: commanded to be in stance or swing; with contacts also lifted or touching.
 STANCE, SWING = "stance", "swing"
-COMMANDED_STATES = (STANCE, SWING)
 HANGS, DRAGS = "stance without contact", "swing with contact"
 FELT_STATES = (HANGS, STANCE, SWING, DRAGS)
 

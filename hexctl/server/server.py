@@ -11,7 +11,6 @@ from hexctl.backends.base import LegServos, failures_in_force
 from hexctl.backends.clock import SPARE_S, STANDSTILL_S, Standstill
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, MessageError, RobotFaultError
-from hexctl.robot.rotations import xyzw
 from hexctl.server.event_log import EventLog
 from hexctl.server.idle import SIT_AFTER_S, IdleSupervisor, RestWatch
 from hexctl.server.leases import CommandHandler, LeaseManager
@@ -332,7 +331,7 @@ class RobotServer:
     def _publish_served_poses(self) -> None:
         stamp_ns, simulation = wall.time_ns(), self._servos.simulation
         if (orientation := self._servos.own_orientation) is not None:
-            self._transport.publish("imu", telemetry.imu().encode(stamp_ns, xyzw(orientation)))
+            self._transport.publish("imu", telemetry.encode_imu(stamp_ns, orientation))
         if simulation is not None and (truth := simulation.true_pose) is not None:
             self._transport.publish("truth", encode_pose(*truth, stamp_ns=stamp_ns))
 

@@ -268,8 +268,9 @@ def hold(servos: LegServos) -> None:
 
 
 def arrays_of(state: RobotState) -> list[FloatArray | None]:
-    """The arrays of a state."""
-    return [getattr(state, column.source) for column in SENSED]
+    """The arrays of a state; a number is one of its own."""
+    values = [getattr(state, column.source) for column in SENSED]
+    return [None if one is None else np.atleast_1d(one) for one in values]
 
 
 def check_state(state: RobotState, servos: LegServos) -> None:
@@ -282,7 +283,7 @@ def check_state(state: RobotState, servos: LegServos) -> None:
     assert 0 <= state.stamp_s <= servos.clock.now_s + 1e-9
     for column in SENSED:
         if (values := getattr(state, column.source)) is not None:
-            assert values.shape == column.shape, column.name
-            assert values.dtype == column.kind, column.name
+            assert np.shape(values) == column.shape, column.name
+            assert np.asarray(values).dtype == column.kind, column.name
     if state.base_quaternion_world is not None:
         assert np.linalg.norm(state.base_quaternion_world) == pytest.approx(1, abs=1e-6)

@@ -57,8 +57,8 @@ def test_every_tick_is_kept_as_it_came_however_many_there_are() -> None:
     np.testing.assert_array_equal(log["foot_contacts"].argmax(axis=-1), expected % 6)
 
 
-def test_what_is_missing_is_told_and_has_no_numbers() -> None:
-    log, contacts = TickLog(), []
+def test_what_is_missing_has_no_numbers() -> None:
+    log = TickLog()
     for index, known in enumerate((True, False, True)):
         _record(log, index, posed=known)
     for part in ("base_position_world", "base_quaternion_world"):
@@ -67,12 +67,8 @@ def test_what_is_missing_is_told_and_has_no_numbers() -> None:
     for touching in (np.ones(6, dtype=bool), None, np.ones(6, dtype=bool)):
         state = RobotState(stance, 0.0, measured=True, foot_contacts=touching)
         log.record(Tick(1, 0.02), state, stance, JointTargets(stance, 0.02))
-        contacts.append("foot_contacts" not in log.missing)
-    assert contacts == [True, False, True]
-    assert log["foot_contacts"].any(axis=-1).tolist() == [True, False, True]
-    blind = TickLog()
-    blind.record(Tick(1, 0.02), RobotState(stance, 0.0, True), stance, JointTargets(stance, 0.02))
-    assert blind.to_frame()["contact_leg3"].isna().all()
+    for contacts in (log["foot_contacts"][:, 2], log.to_frame()["contact_leg3"]):
+        np.testing.assert_array_equal(np.asarray(contacts, float), [1, np.nan, 1])
 
 
 def test_each_recorder_has_blocks_of_its_own_size() -> None:
@@ -179,7 +175,7 @@ def append_rows(store: Table, count: int = ROWS) -> None:
         arrays, row, _ = store.append()
         arrays["time_s"][row] = index / 50
         arrays["joints"][row] = index, -index, np.nan
-        arrays["feet"][row] = index % 2, index % 3
+        arrays["feet"][row] = index % 2 > 0, index % 3 > 0
         arrays["phase"][row] = index
 
 

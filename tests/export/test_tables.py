@@ -3,6 +3,7 @@
 import csv
 import json
 import subprocess
+import sys
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
@@ -28,6 +29,7 @@ from hexctl.recording.viewer import viewer_binary
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.types import JOINT_NAMES, N_JOINTS, FloatArray
 from tests.robots import shipped
+from tests.wire.ros.decoding import decoded as decoded_message
 
 
 def test_columns_are_the_arrays_of_the_recording(walk: RecordedTrial) -> None:
@@ -221,7 +223,7 @@ def test_angles_and_poses_are_the_recordings_bit_for_bit(found: Messages, walk: 
     ):
         numbers = np.array([list(getattr(message, field)) for _, message in found[topic]])
         assert np.array_equal(numbers, walk.sensors[name].values)
-    turns = [message.vector for _, message in found["/angular_velocity"]]
+    turns = [message.angular_velocity for _, message in found["/imu/data"]]
     rates = np.array([[one.x, one.y, one.z] for one in turns])
     assert np.array_equal(rates, walk.sensors["angular_velocity_body_rad_s"].values)
     commands = [message.twist for _, message in found["/recorded/velocity_command"]]
@@ -281,6 +283,81 @@ def test_contacts_and_events(found: Messages, walk: RecordedTrial) -> None:
         assert [bool(foot) for foot in message.data] == contacts[time_ns]
     texts = [message.msg for _, message in found["/rosout"]]
     assert texts == [event.text for event in walk.events]
+
+
+NEW_SENSORS = """
+import json
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+
+from hexctl import columns
+
+known = {"source": "current_a", "topic": "/current", "feature": "observation.current"}
+scalar = columns.Column("current_a", optional=True, entity="current", title="current (A)", **known)
+many = columns.Column("skin", (24,), parts=tuple(f"s{i}" for i in range(24)), optional=True, entity="skin")
+for name, more in (("COLUMNS", (scalar, many)), ("RECORDED", (scalar, many)), ("SENSED", (scalar,))):
+    setattr(columns, name, getattr(columns, name) + more)
+columns.COLUMN_NAMES = tuple(column.name for column in columns.COLUMNS)
+
+from hexctl.backends.clock import Tick
+from hexctl.control.log import TickLog
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.export.export import trial_columns
+from hexctl.export.lerobot import write_lerobot
+from hexctl.export.mcap import write_mcap
+from hexctl.gait.gait import make_gait
+from hexctl.recording.recorded_trial import read_trial
+from hexctl.recording.recording import Recording
+from hexctl.recording.series import SENSORS
+from hexctl.robot.loader import load_robot
+from hexctl.server.ros.topics import RobotMessages
+from hexctl.server.snapshot import RobotSnapshot
+from hexctl.testing.servo_conformance import arrays_of, check_state
+from hexctl.types import JointTargets, RobotState
+
+folder, robot, log = Path(sys.argv[1]), load_robot("ant"), TickLog()
+stance = robot.stance_angles_rad
+for index in range(3):
+    state = RobotState(stance, 0.02 * index, True, current_a=None if index == 1 else 0.5 * index)
+    log.record(Tick(index, 0.02 * index), state, stance, JointTargets(stance, 0.02 * index))
+with Recording(folder / "a.rrd", robot, TrialPlan(gait=make_gait(robot, "demo")), title="a") as recording:
+    recording.write_block(log, 0, 3)
+read = read_trial(folder / "a.rrd")
+write_mcap(read, folder / "a.mcap")
+read.sensors["current_a"] = type(read.sensors["current_a"])(np.arange(3), np.array([[0.0], [0.5], [1.0]]))
+write_lerobot([read], folder / "set", lambda *_: None)
+check_state(state, SimpleNamespace(clock=SimpleNamespace(now_s=1.0)))
+assert [array.shape for array in arrays_of(state) if array is not None] == [(18,), (1,)]
+message = RobotMessages(robot, "", "hexctl").sensor("current", RobotSnapshot(state=state))
+print(json.dumps({
+    "colors": {one.source: len(one.colors) for one in SENSORS},
+    "frame": log.to_frame()["current_a"].tolist(),
+    "columns": trial_columns(read_trial(folder / "a.rrd"))["current_a"].tolist(),
+    "ros": message.hex(),
+}))
+"""
+
+
+@pytest.mark.slow
+def test_a_sensor_of_one_number_or_many_is_one_entry(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", NEW_SENSORS, str(tmp_path)], capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert (told["colors"]["current_a"], told["colors"]["skin"]) == (1, 24)
+    for name in ("frame", "columns"):
+        np.testing.assert_array_equal(told[name], [0, np.nan, 1])
+    array = "std_msgs/msg/Float64MultiArray"
+    assert list(decoded_message(array, bytes.fromhex(told["ros"])).data) == [1.0]
+    assert [list(message.data) for _, message in decoded(tmp_path / "a.mcap")["/current"]] == [[0.0], [1.0]]
+    frames = pq.read_table(tmp_path / "set" / DATA.format(chunk_index=0, file_index=0))
+    assert frames["observation.current"].to_pylist() == [[0.0], [0.5], [1.0]]
+    features = json.loads((tmp_path / "set/meta/info.json").read_text())["features"]
+    assert features["observation.current"] == {"dtype": "float32", "shape": [1], "names": ["current_a"]}
 
 
 @pytest.mark.slow

@@ -9,13 +9,16 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from hexctl.backends.clock import Tick
 from hexctl.columns import RECORDED
+from hexctl.control.log import TickLog
 from hexctl.errors import InputError
+from hexctl.recording import paths, style
 from hexctl.recording.recorded_trial import LEG_CONDITIONS, RecordedTrial, read_trial
 from hexctl.recording.recording import Recording
 from hexctl.robot.loader import load_robot
 from hexctl.runs.run import run
-from hexctl.types import N_JOINTS
+from hexctl.types import N_JOINTS, JointTargets, RobotState
 from tests.control.posed import readings
 from tests.recording.conftest import ReadBack, Trial, write
 
@@ -42,6 +45,8 @@ def test_it_is_what_was_walked(read: RecordedTrial, trial: Trial) -> None:
         assert np.array_equal(sensor.rows, np.arange(len(log))[:: column.ticks]), column.name
         assert sensor.values == pytest.approx(1.0 * log[column.name][sensor.rows], abs=2e-3), column.name
         assert np.abs(sensor.values).max() > 0.1, column.name
+    rate_rad_s = read.sensors["angular_velocity_body_rad_s"].values
+    assert rate_rad_s == pytest.approx(log["angular_velocity_body_rad_s"], abs=8e-6)
     sparse = read.sensors["joint_torques_nm"]
     assert np.isnan(sparse.at_every_tick(len(log))[1]).all()
     assert not read.servos
@@ -101,13 +106,37 @@ def test_a_place_and_contacts_that_are_not_known_are_none(trial: Trial, tmp_path
     position_m[:70] = np.nan
     read = read_trial(write(tmp_path / "later.rrd", trial.with_columns(base_position_world=position_m)))
     assert np.array_equal(read.posed, np.arange(len(read)) >= 70)
-    never = trial.with_columns(base_position_world=np.full_like(position_m, np.nan))
-    never.log.missing = {"foot_contacts"}
+    contacts = np.full_like(trial.log["foot_contacts"], np.nan)
+    never = trial.with_columns(base_position_world=np.full_like(position_m, np.nan), foot_contacts=contacts)
     never.robot = replace(trial.robot, name="mine", foot_radius_m=0.009)
     unfelt = read_trial(write(tmp_path / "never.rrd", never))
     assert not unfelt.posed.any()
     assert "foot_contacts" not in unfelt.sensors
     assert unfelt.robot == never.robot
+
+
+@pytest.mark.parametrize("block_ticks", [None, 7])
+def test_a_value_that_is_unknown_at_some_ticks_is_left_out_there(
+    block_ticks: int | None, trial: Trial, tmp_path: Path
+) -> None:
+    log, stance = TickLog(), trial.robot.stance_angles_rad
+    for index in range(101):
+        state = RobotState(
+            stance,
+            0.02 * index,
+            measured=True,
+            foot_contacts=None if index < 50 else np.ones(6, dtype=bool),
+            joint_torques_nm=None if index == 100 else np.ones(N_JOINTS),
+        )
+        log.record(Tick(index, 0.02 * index), state, stance, JointTargets(stance, 0.02 * index))
+    path = write(tmp_path / "partly.rrd", replace(trial, log=log), block_ticks)
+    read = read_trial(path)
+    assert read.sensors["joint_torques_nm"].rows.tolist() == list(range(0, 100, 5))
+    assert read.sensors["foot_contacts"].rows.tolist() == list(range(50, 101))
+    assert (read.sensors["foot_contacts"].values == 1).all()
+    drawn = ReadBack(path).rows(f"/{paths.foot_path(1)}", "Points3D:colors")
+    colors = [style.packed(color) for color in (style.UNFELT_COLOR, style.TOUCHING_COLOR)]
+    assert [value for at_ns, (value,) in drawn if at_ns is not None] == colors
 
 
 def test_what_servos_reported(trial: Trial, tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ def test_polygon_and_centre_of_gravity_are_those_of_the_measured_robot(read: Rea
     joints = log["measured_rad"][rows]
     feet = to_world(foot_positions_body(robot, joints), *pose)[..., :2]
     centre = to_world(centre_of_mass_body(robot, joints)[:, np.newaxis], *pose)[:, 0]
-    found = support(feet, log["foot_contacts"][rows], centre[:, :2])
+    found = support(feet, log["foot_contacts"][rows] > 0, centre[:, :2])
     drawn = np.array(read.values(f"/{paths.POLYGON}", "Mesh3D:vertex_positions"))
     np.testing.assert_allclose(drawn[..., :2], found.corners, atol=1e-3)
     lines = np.array(read.values(f"/{paths.CENTRE}", "LineStrips3D:strips"))[:, 0]

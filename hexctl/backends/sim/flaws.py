@@ -18,7 +18,7 @@ class Section(BaseModel):
 
 
 class SensorNoise(Section):
-    """Standard deviations of the measurement errors, which are drawn every tick."""
+    """Standard deviations of the measurement errors, which are drawn every tick; velocities have none."""
 
     joint_deg: Annotated[Number, Field(ge=0, le=10, allow_inf_nan=False)] = 0.0
     position_m: Annotated[Number, Field(ge=0, le=1, allow_inf_nan=False)] = 0.0

@@ -79,16 +79,6 @@ class Block:
         """Whether the base position is known, (rows,)."""
         return posed_rows(self.log, self.start, self.stop)
 
-    @property
-    def contacts_known(self) -> bool:
-        """Whether the robot feels its feet."""
-        return "foot_contacts" not in self.log.missing
-
-    @cached_property
-    def led_swing(self) -> BoolArray:
-        """Whether each foot is commanded to swing, preceded by one row, (rows + 1, 6)."""
-        return self.swing(1)
-
     def swing(self, lead: int) -> BoolArray:
         """Whether each foot is commanded to swing, preceded by `lead` rows; none while settling."""
         robot = self.subject.robot
@@ -98,10 +88,10 @@ class Block:
 
     @cached_property
     def standing(self) -> BoolArray:
-        """Feet in contact, or commanded to stance without contacts, (rows, 6)."""
-        if self.contacts_known:
-            return np.asarray(self.column("foot_contacts"))
-        return np.asarray(~self.without_lead(self.led_swing))
+        """Feet in contact, or commanded to stance where contacts are unknown, (rows, 6)."""
+        contacts = self.column("foot_contacts")
+        unknown = np.isnan(contacts)
+        return np.where(unknown, ~self.swing(0), contacts > 0) if unknown.any() else contacts > 0
 
     @cached_property
     def quaternions(self) -> FloatArray:

@@ -33,11 +33,10 @@ def send_phases(block: Block) -> None:
 
 
 def send_gait(block: Block) -> None:
-    """Send changes of stance and swing of each foot, as commanded and, with contacts, as measured."""
-    states = _felt(block) if block.contacts_known else block.led_swing.astype(int)
-    names = style.FELT_STATES if block.contacts_known else style.COMMANDED_STATES
+    """Send changes of stance and swing of each foot, as commanded and, where contacts are known, as felt."""
+    states = _felt(block)
     for leg in paths.LEGS:
-        block.send_states(paths.gait_path(leg), states[:, leg - 1], names)
+        block.send_states(paths.gait_path(leg), states[:, leg - 1], style.FELT_STATES)
 
 
 def _felt(block: Block) -> NDArray[np.int64]:
@@ -58,15 +57,14 @@ def steadily(is_so: BoolArray) -> BoolArray:
 
 
 def send_feet(block: Block) -> None:
-    """Send changes of contact as the foot's colour; one colour for all without contacts."""
-    touching = block.led("foot_contacts")
-    felt = (style.LIFTED_COLOR, style.TOUCHING_COLOR)
-    shown = felt if block.contacts_known else (style.UNFELT_COLOR, style.UNFELT_COLOR)
-    colors = np.array([style.packed(color) for color in shown], dtype=np.uint32)
+    """Send changes of contact as the foot's colour; unknown contact has one of its own."""
+    shown = np.nan_to_num(block.led("foot_contacts"), nan=2).astype(int)
+    states = (style.LIFTED_COLOR, style.TOUCHING_COLOR, style.UNFELT_COLOR)
+    colors = np.array([style.packed(color) for color in states], dtype=np.uint32)
     for leg in paths.LEGS:
-        rows = block.changes(touching[:, leg - 1])
+        rows = block.changes(shown[:, leg - 1])
         if rows.size:
-            color = colors[block.column("foot_contacts")[rows, leg - 1].astype(int)]
+            color = colors[block.without_lead(shown)[rows, leg - 1]]
             block.send(paths.foot_path(leg), rows, load_rerun().Points3D.columns(colors=color))
 
 

@@ -79,10 +79,9 @@ def _send_vectors(block: Block) -> None:
 
 
 def _send_column(column: Column, series: Series, block: Block) -> None:
-    """Send a column of the log, if known."""
-    if column.name in block.log.missing:
-        return
-    values, rows = block.column(column.name).astype(float), block.sparse(column.ticks)
+    """Send the known rows of a column of the log."""
+    values = block.column(column.name).reshape(-1, len(column.parts))
+    rows = block.sparse(column.ticks)
     rows = rows[np.isfinite(values[rows]).all(axis=-1)]
     block.plot(series, rows, values[rows])
 

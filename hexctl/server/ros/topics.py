@@ -13,7 +13,6 @@ from hexctl.control.stop_reason import reason_in_words
 from hexctl.robot.body_twist import BodyTwist
 from hexctl.robot.formats.link_frames import BASE_LINK, fixed_transforms, link_transforms
 from hexctl.robot.model import Robot
-from hexctl.robot.rotations import xyzw
 from hexctl.server.ros.frames import MAP_FRAME, Frames
 from hexctl.server.snapshot import RobotSnapshot
 from hexctl.types import JOINT_NAMES, TOO_HOT_C, WARM_C, RobotState, ServoReadings
@@ -119,10 +118,11 @@ class RobotMessages:
         return odometry().encode(measured_ns(snapshot), np.concatenate(numbers))
 
     def imu(self, snapshot: RobotSnapshot) -> bytes | None:
-        """Orientation, or None if unknown."""
-        if snapshot.orientation is None:
+        """Orientation and angular velocity, or None if both are unknown."""
+        orientation, rate_rad_s = snapshot.orientation, snapshot.state.angular_velocity_body_rad_s
+        if orientation is None and rate_rad_s is None:
             return None
-        return telemetry.imu().encode(measured_ns(snapshot), xyzw(snapshot.orientation))
+        return telemetry.encode_imu(measured_ns(snapshot), orientation, rate_rad_s)
 
     def sensor(self, topic: str, snapshot: RobotSnapshot) -> bytes | None:
         """Values of one of the `SENSORS`, or None if unknown."""
@@ -165,7 +165,8 @@ class RobotTopics:
 
     def publish(self, snapshot: RobotSnapshot, now_s: float) -> None:
         """Publish a state, and once a second battery and diagnostics; `now_s` is on any monotonic clock."""
-        if snapshot.orientation is not None and "imu/data" not in self._publishers:
+        turns = snapshot.orientation is not None or snapshot.state.angular_velocity_body_rad_s is not None
+        if turns and "imu/data" not in self._publishers:
             self._publishers["imu/data"] = self._declared("imu/data")
         messages = self._messages
         messages.follow(

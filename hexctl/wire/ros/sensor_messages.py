@@ -16,7 +16,6 @@ _TYPES = {
     "effort": ros_cdr.JOINT_STATE,
     "velocity": ros_cdr.JOINT_STATE,
     "twist": "geometry_msgs/msg/TwistStamped",
-    "vector": "geometry_msgs/msg/Vector3Stamped",
 }
 
 
@@ -26,14 +25,13 @@ def message_type(column: Column) -> str:
     return _TYPES.get(column.message, f"std_msgs/msg/{array}")
 
 
-def encode_sensor(column: Column, stamp_ns: int, values: FloatArray) -> bytes:
+def encode_sensor(column: Column, stamp_ns: int, values: FloatArray | float) -> bytes:
     """Message of the values of a column, 0 or 1 for truths; `stamp_ns` is nanoseconds since 1970."""
+    values = np.atleast_1d(values)
     if column.message == "array":
         return ros_cdr.encode(_array(column, values))
     header = ros_cdr.header(stamp_ns, "" if column.message in ("effort", "velocity") else BASE_LINK)
-    if column.message == "vector":
-        content = {"vector": ros_cdr.vector(values)}
-    elif column.message == "twist":
+    if column.message == "twist":
         content = {"twist": _twist(values)}
     else:
         fields = {"position": _NONE, "velocity": _NONE, "effort": _NONE, column.message: values}
@@ -57,4 +55,4 @@ def _array(column: Column, values: FloatArray) -> Any:
     dimension = ros_cdr.make("std_msgs/msg/MultiArrayDimension", label=names, size=count, stride=count)
     layout = ros_cdr.make("std_msgs/msg/MultiArrayLayout", dim=[dimension], data_offset=0)
     kind = np.uint8 if column.kind is bool else np.float64
-    return ros_cdr.make(message_type(column), layout=layout, data=np.asarray(values).astype(kind))
+    return ros_cdr.make(message_type(column), layout=layout, data=values.astype(kind))

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.robot.formats.link_frames import BASE_LINK
+from hexctl.robot.rotations import xyzw
 from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
 from hexctl.wire.pose import NOT_MEASURED
@@ -21,9 +22,6 @@ DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
 #: Numbers of a transform: x, y, z in m and a quaternion (x, y, z, w) as in ROS.
 TRANSFORM_NUMBERS = 7
-
-_NOT_MEASURED = np.array([NOT_MEASURED] + 8 * [0.0])
-_UNKNOWN = np.zeros(9)
 
 
 def transforms(frames: Sequence[tuple[str, str]]) -> FixedMessage:
@@ -52,22 +50,33 @@ def transforms(frames: Sequence[tuple[str, str]]) -> FixedMessage:
 
 
 @cache
-def imu() -> FixedMessage:
-    """Encoder of a sensor_msgs/Imu with only a quaternion; unmeasured covariances are -1 (REP 145)."""
+def _imu() -> FixedMessage:
+    """Encoder of a sensor_msgs/Imu: a quaternion (x, y, z, w), a rate, and their first covariances."""
 
     def make(stamp_ns: int, numbers: FloatArray) -> Any:
         return ros_cdr.make(
             ros_cdr.IMU,
             header=ros_cdr.header(stamp_ns, BASE_LINK),
-            orientation=ros_cdr.quaternion(numbers),
-            orientation_covariance=_UNKNOWN,
-            angular_velocity=ros_cdr.vector(np.zeros(3)),
-            angular_velocity_covariance=_NOT_MEASURED,
+            orientation=ros_cdr.quaternion(numbers[:4]),
+            orientation_covariance=np.append(numbers[7], np.zeros(8)),
+            angular_velocity=ros_cdr.vector(numbers[4:7]),
+            angular_velocity_covariance=np.append(numbers[8], np.zeros(8)),
             linear_acceleration=ros_cdr.vector(np.zeros(3)),
-            linear_acceleration_covariance=_NOT_MEASURED,
+            linear_acceleration_covariance=np.append(NOT_MEASURED, np.zeros(8)),
         )
 
-    return FixedMessage(make, 4)
+    return FixedMessage(make, 9)
+
+
+def encode_imu(stamp_ns: int, quaternion: FloatArray | None, rate_rad_s: FloatArray | None = None) -> bytes:
+    """Orientation (w, x, y, z) and angular velocity about the axes of the body, (3,), as sensor_msgs/Imu.
+
+    Covariances are 0 (unknown), or -1 if the value is None (REP 145).
+    """
+    turn = (0.0, 0.0, 0.0, 1.0) if quaternion is None else xyzw(quaternion)
+    rate = np.zeros(3) if rate_rad_s is None else rate_rad_s
+    known = [NOT_MEASURED if one is None else 0.0 for one in (quaternion, rate_rad_s)]
+    return _imu().encode(stamp_ns, np.concatenate([turn, rate, known]))
 
 
 def encode_string(text: str) -> bytes:

@@ -11,7 +11,7 @@ from hexctl.wire import ros_cdr
 from hexctl.wire.pose import decode_orientation, decode_pose, encode_pose
 from hexctl.wire.ros.motion_commands import TWIST, TWIST_STAMPED, decode_velocity
 from hexctl.wire.ros.ros_session import Attachment
-from hexctl.wire.ros.telemetry import imu
+from hexctl.wire.ros.telemetry import encode_imu
 from hexctl.wire.stop_datagram import DATAGRAM_BYTES, MAC_BYTES, MARK_BYTES, Kind, StopDatagram, mark_of
 from hexctl.wire.zenoh_messages import (
     CommandTag,
@@ -103,7 +103,7 @@ def read_battery(data: bytes) -> None:
     assert decode_battery(encode_battery(voltage_v, share)) == (voltage_v, share)
 
 
-@target(imu().encode(0, np.array([0.0, 0.0, 0.0, 1.0])), words=BINARY_NUMBERS)
+@target(encode_imu(0, np.array([1.0, 0.0, 0.0, 0.0])), words=BINARY_NUMBERS)
 def read_orientation(data: bytes) -> None:
     decode_orientation(data)
 

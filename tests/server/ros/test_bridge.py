@@ -46,7 +46,6 @@ TOPICS = {
     "/diagnostics": ["diagnostic_msgs/msg/DiagnosticArray"],
     "/robot_description": ["std_msgs/msg/String"],
     "/foot_contacts": ["std_msgs/msg/UInt8MultiArray"],
-    "/angular_velocity": ["geometry_msgs/msg/Vector3Stamped"],
     "/hexctl/estop": ["std_msgs/msg/Empty"],
     "/cmd_vel": [TWIST, TWIST_STAMPED],
     "/robot_joint_command": [ros_cdr.JOINT_STATE],

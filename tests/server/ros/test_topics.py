@@ -111,11 +111,13 @@ def test_sensors_are_sent_if_known(messages: RobotMessages) -> None:
         joint_velocities_rad_s=np.arange(18.0),
     )
     found = {topic: messages.sensor(topic, snapshot(known)) or b"" for topic in SENSORS}
-    assert found.keys() == {"foot_contacts", "angular_velocity"}
+    assert found.keys() == {"foot_contacts"}
     touching = decoded("std_msgs/msg/UInt8MultiArray", found["foot_contacts"])
     assert list(touching.data) == feet.tolist()
-    turning = decoded("geometry_msgs/msg/Vector3Stamped", found["angular_velocity"])
-    assert (turning.header.frame_id, turning.vector.z) == ("base_link", 0.3)
+    for shown in (snapshot(known), RobotSnapshot(state=known)):
+        imu = decoded(ros_cdr.IMU, messages.imu(shown) or b"")
+        assert (imu.header.frame_id, imu.angular_velocity.z) == ("base_link", 0.3)
+        assert imu.orientation_covariance[0] == (-1 if shown.orientation is None else 0)
     joints = decoded(ros_cdr.JOINT_STATE, messages.joint_states(snapshot(known)))
     assert list(joints.velocity) == list(range(18))
 

@@ -37,12 +37,20 @@ def test_transforms_have_all_one_stamp() -> None:
 
 
 def test_what_an_imu_does_not_measure_is_marked() -> None:
-    message = decoded(ros_cdr.IMU, telemetry.imu().encode(STAMP_NS, np.array([0.1, 0.2, 0.3, 0.9])))
-    turned = message.orientation
-    assert [turned.x, turned.y, turned.z, turned.w] == [0.1, 0.2, 0.3, 0.9]
-    assert message.orientation_covariance[0] == 0
-    assert message.angular_velocity_covariance[0] == -1
-    assert message.linear_acceleration_covariance[0] == -1
+    quaternion, rate_rad_s = np.array([0.9, 0.1, 0.2, 0.3]), np.array([0.4, 0.5, 0.6])
+    for known in ((quaternion, None), (None, rate_rad_s), (quaternion, rate_rad_s)):
+        message = decoded(ros_cdr.IMU, telemetry.encode_imu(STAMP_NS, *known))
+        turn, rate = message.orientation, message.angular_velocity
+        told = [turn.w, turn.x, turn.y, turn.z], [rate.x, rate.y, rate.z]
+        for values, said, covariance in zip(
+            known,
+            told,
+            (message.orientation_covariance, message.angular_velocity_covariance),
+            strict=True,
+        ):
+            assert list(covariance) == [-1.0 if values is None else 0.0] + 8 * [0.0]
+            assert values is None or said == values.tolist()
+        assert message.linear_acceleration_covariance[0] == -1
 
 
 def test_diagnostics() -> None:
