@@ -14,12 +14,12 @@ CEILINGS = {
     "control": 13_465,
     "demo": 220,
     "doctor": 635,
-    "export": 1_825,
+    "export": 1_820,
     "gait": 735,
     "identify": 1_665,
     "ik": 1_190,
     "learning": 430,
-    "recording": 3_830,
+    "recording": 3_820,
     "robot": 6_870,
     "runs": 1_040,
     "server": 3_980,
@@ -28,7 +28,7 @@ CEILINGS = {
     "teleop": 1_970,
     "testing": 640,
     "vision": 4_835,
-    "wire": 3_325,
+    "wire": 3_331,
 }
 
 

@@ -268,7 +268,7 @@ def hold(servos: LegServos) -> None:
 
 
 def arrays_of(state: RobotState) -> list[FloatArray | None]:
-    """The arrays of a state; a number is one of its own."""
+    """The arrays of a state, numbers as (1,)."""
     values = [getattr(state, column.source) for column in SENSED]
     return [None if one is None else np.atleast_1d(one) for one in values]
 

@@ -57,7 +57,7 @@ def steadily(is_so: BoolArray) -> BoolArray:
 
 
 def send_feet(block: Block) -> None:
-    """Send changes of contact as the foot's colour; unknown contact has one of its own."""
+    """Send changes of contact as the foot's colour; unknown contact has another one."""
     shown = np.nan_to_num(block.led("foot_contacts"), nan=2).astype(int)
     states = (style.LIFTED_COLOR, style.TOUCHING_COLOR, style.UNFELT_COLOR)
     colors = np.array([style.packed(color) for color in states], dtype=np.uint32)
