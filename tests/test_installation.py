@@ -4,6 +4,7 @@ import fcntl
 import importlib.metadata
 import json
 import os
+import queue
 import shlex
 import shutil
 import subprocess
@@ -234,15 +235,16 @@ class TestEnvironment:
         assert (venv / "pyvenv.cfg").exists()
 
     def test_a_second_set_up_waits(
-        self, checkout: Path, pip_calls: list[tuple[str, ...]], capsys: pytest.CaptureFixture[str]
+        self, checkout: Path, pip_calls: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
     ) -> None:
+        said: queue.Queue[str] = queue.Queue()
+        monkeypatch.setattr("environment.say", said.put)
         made = finished(checkout, editable=False)
         holder = os.open(checkout, os.O_RDONLY)
         fcntl.flock(holder, fcntl.LOCK_EX)
         second = threading.Thread(target=made.set_up, args=("dev",), daemon=True)
         second.start()
-        while "waiting" not in capsys.readouterr().err:
-            assert second.is_alive()
+        assert "waiting" in said.get(timeout=30)
         assert not pip_calls
         os.close(holder)
         second.join(30)
