@@ -61,7 +61,7 @@ def simulate(hexctl: str) -> None:
 def call(*command: str) -> str:
     """Return what a command prints."""
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
 
