@@ -181,6 +181,9 @@ def test_another_robot_is_refused_with_the_place_where_it_differs() -> None:
     answer["robot"]["mount_positions_body"][2][1] += 0.001
     with pytest.raises(RobotFaultError, match=r"mount_positions_body\[2\]\[1\] is .* there and .* here"):
         check_same_robot(answer, shipped())
+    answer["robot"]["body"] = None
+    with pytest.raises(RobotFaultError, match="body is None there"):
+        check_same_robot(answer, shipped())
 
 
 def test_another_protocol_or_other_joints_are_refused() -> None:

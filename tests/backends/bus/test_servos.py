@@ -268,7 +268,8 @@ def test_garbled_answers_stop_nothing(bus_map: BusMap) -> None:
             state = stand(guard, 1)
             assert state.joint_positions_rad == pytest.approx(guard.robot.stance_angles_rad, abs=0.02)
         assert guard.stopped is None
-        assert guard.link_counts["missed"] > 0
+        counts = guard.link_counts
+        assert 0 < counts["missed"] < 0.5 * counts["reports"]
 
 
 def test_a_line_that_is_pulled_stops_the_robot_until_it_is_back_and_cleared() -> None:

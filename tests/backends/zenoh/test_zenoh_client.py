@@ -193,7 +193,10 @@ class LossyRobot:
 
     Attributes:
         heard: requests that arrived, by kind.
+        gone: whether nothing is answered any more.
     """
+
+    gone = False
 
     def __init__(self, session: zenoh.Session, key: str, time: FakeTime) -> None:
         self._time = time
@@ -207,7 +210,7 @@ class LossyRobot:
         op, now_s = content["op"], self._time.now()
         if op != "acquire":
             self._asked += 1
-            if self._asked % ANSWERED:
+            if self._asked % ANSWERED or self.gone:
                 return
         self.heard[op] += 1
         answer: dict[str, Any] = {}
@@ -252,6 +255,10 @@ def test_a_lease_outlasts_a_bad_link(lossy: tuple[LossyRobot, LeaseClient], fake
     fake_time.sleep(60.0)
     assert lease.lost is None
     assert robot.heard["renew"] >= 60
+    robot.gone, gone_s = True, fake_time.now()
+    fake_time.sleep(3 * LEASE_S)
+    assert lease.lost is not None
+    assert LEASE_S / 2 < lease.lost_at_s - gone_s < 2 * LEASE_S
     lease.release()
 
 

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 
 from hexctl import Failure, RobotState, TrialPlan, TrialResult, World
 from hexctl.control.scoring.cause import Symptoms, WalkSamples
-from hexctl.control.scoring.score import score
+from hexctl.control.scoring.score import progress_floor_m, score
 from hexctl.control.scoring.walk_quality import (
     BLOCK_TICKS,
     RAMP_TICKS,
@@ -21,6 +22,7 @@ from hexctl.control.scoring.walk_quality import (
     unsteadiness_m_s,
 )
 from hexctl.control.trace import TrialFrame
+from hexctl.control.trial_plan import GaitChange
 from hexctl.robot.rotations import quaternion_of_euler
 from hexctl.types import FloatArray
 from tests.control.checks.loads import along, changed, scored
@@ -81,6 +83,13 @@ def test_less_than_half_the_ideal_distance_is_no_progress(
     result = scored(along(distance_m, np.zeros(5)), **plan)
     assert (result.status, result.valid) == (status, status == "ok")
     assert result.distance_m == pytest.approx(distance_m)
+
+
+def test_a_change_to_the_same_gait_asks_for_the_same_progress() -> None:
+    plan = TrialPlan(gait=gait_of(shipped(), "tripod"), duration_s=10.0)
+    changed_plan = replace(plan, changes=(GaitChange(gait=plan.gait, at_s=5.0),))
+    least_m = progress_floor_m(shipped(), plan, 10.0)
+    assert progress_floor_m(shipped(), changed_plan, 10.0) == pytest.approx(least_m)
 
 
 def test_the_ideal_distance_is_the_papers_and_one_that_never_set_out_has_none() -> None:
