@@ -24,7 +24,7 @@ from hexctl.robot.configs import config_names
 from hexctl.robot.formats.importing.robot_import import import_robot
 from hexctl.robot.formats.json_model import robot_from_json, robot_to_json
 from hexctl.robot.formats.link_frames import FOOT_LINKS, fixed_transforms, link_transforms
-from hexctl.robot.formats.link_masses import link_mass, trunk_mass
+from hexctl.robot.formats.link_masses import link_capsule, link_mass, trunk_mass
 from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.formats.urdf import COMMAND_TOPIC, TOPIC_SYSTEM, urdf_of
 from hexctl.robot.formats.xml_text import parse_xml
@@ -224,6 +224,16 @@ def check_masses(robot: Robot, back: Robot, error: float) -> None:
         assert other.mass_kg == pytest.approx(own.mass_kg, rel=error)
         assert other.com_m == pytest.approx(own.com_m, abs=error)
         assert other.link_moments_kg_m2 == pytest.approx(own.link_moments_kg_m2, abs=error)
+
+
+@pytest.mark.parametrize("index", range(3))
+def test_an_even_link_has_the_moments_that_mujoco_gives_its_capsule(index: int) -> None:
+    robot = shipped()
+    own, capsule = link_mass(robot, index), link_capsule(robot, index)
+    size = f"{capsule.radius_m} {capsule.length_m / 2}"
+    geom = f'<geom type="capsule" size="{size}" mass="{own.mass_kg}"/>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody><body>{geom}</body></worldbody></mujoco>")
+    assert sorted(own.moments_kg_m2) == pytest.approx(sorted(model.body_inertia[1]), rel=1e-6)
 
 
 @pytest.mark.parametrize(("zz", "xz"), [("7e-5", "1e-5"), ("8e-5", "0")], ids=["solid", "tilted plate"])

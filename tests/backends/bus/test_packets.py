@@ -264,6 +264,15 @@ def test_answers_of_other_sizes_are_not_waited_for_and_not_taken(servo: LateServ
     assert _read(line, 30, size=2) == b"\x64\x02"
 
 
+def test_the_answer_of_a_servo_that_was_not_asked_is_not_taken() -> None:
+    packets = PROTOCOLS[1]
+    came = [(0.0, packets.status(8, 0, b"\x09")), (LATE_S / 2, packets.status(7, 0, b"\x03"))]
+    line = PacketLine(AnsweringLine(lambda _request: came), packets, timeout_s=LATE_S, adapts=False)
+    answers = line.transact(packets.instruction(7, READ, bytes([11, 1])), (7,), 0.001)
+    assert [(answer.servo_id, answer.parameters) for answer in answers] == [(7, b"\x03")]
+    assert line.late == 1
+
+
 @pytest.mark.parametrize("baud", [9_600, 57_600, 1_000_000])
 def test_one_packet_reads_all_servos_however_slow_the_line(baud: int) -> None:
     """Their answers come one after the other, as fast as the line carries them."""

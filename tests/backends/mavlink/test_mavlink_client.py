@@ -1,8 +1,10 @@
 """MAVLink client: conformance, states, faults of link and board, registry entry."""
 
 import math
+import os
 import random
 import signal
+import socket
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec
 from hexctl.backends.mavlink.mavlink_client import MavlinkServos
+from hexctl.backends.mavlink.mavlink_transport import StreamPort
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.cli.main import exit_code
 from hexctl.control.guard import Guard
@@ -488,3 +491,13 @@ def test_an_unsigned_port_that_others_reach_must_be_asked_for(tmp_path: Path) ->
     (tmp_path / "mavlink.key").touch(mode=0o600)
     (tmp_path / "mavlink.key").write_text("00" * 32)
     assert made(port=far, credentials=tmp_path)._port == far
+
+
+def test_a_full_serial_port_drops_frames_and_never_waits() -> None:
+    near, far = socket.socketpair()
+    with near, far:
+        port = StreamPort(near.fileno(), lambda: None)
+        assert not os.get_blocking(near.fileno()), "a write would wait without end"
+        while not port.dropped:
+            port.send(bytes(1000), None)
+        assert len(far.recv(100_000)) > 0
