@@ -17,7 +17,7 @@ from hexctl.adapt.sessions.comparison import check_comparable
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.session_tables import ASKED_COLUMNS, flat_rows
-from hexctl.adapt.sessions.session_viewing import make_overview
+from hexctl.adapt.sessions.session_viewing import make_overview, recordings_of
 from hexctl.adapt.sessions.store import FILE_NAME, SessionStore, list_sessions, load_session
 from hexctl.cli.main import exit_code
 from hexctl.control.planning.top_speed import STRIDE
@@ -208,3 +208,12 @@ def test_the_baseline_is_shown_before_the_trials_and_is_never_the_best() -> None
     assert "without a search: tripod 1.0 cm" in overview.facts
     rows = [row for row in make_table(overview).splitlines() if row.startswith("| ")]
     assert rows[1].startswith("| 0 | tripod | 1,4,1,4,1,4 | 1.0 cm left |")
+
+
+def test_of_the_recordings_of_a_session_those_that_exist_are_found(tmp_path: Path) -> None:
+    one = session(0.1, 0.2)
+    one.trials = [replace(trial, recording=f"trial-{trial.index}.rrd") for trial in one.trials]
+    one.baseline = [replace(baseline_record("auto", 0.3), recording="elsewhere/auto.rrd")]
+    for name in ("auto.rrd", "trial-2.rrd", "trial-3.rrd"):
+        (tmp_path / name).touch()
+    assert recordings_of(one, tmp_path) == {"auto": tmp_path / "auto.rrd", 2: tmp_path / "trial-2.rrd"}
