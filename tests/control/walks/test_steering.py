@@ -225,6 +225,21 @@ def test_a_body_that_moves_over_its_feet_is_off_by_its_motion_across_the_line() 
     assert reckoned(reckoning) == pytest.approx(ACROSS_M, rel=1e-6)
 
 
+def test_the_line_of_dead_reckoning_is_seen_from_the_measured_yaw() -> None:
+    seen_rad: list[FloatArray] = []
+
+    class Reckoning(DeadReckoning):
+        def update(self, state: RobotState, yaw_rad: FloatArray) -> FloatArray:
+            seen_rad.append(yaw_rad)
+            return super().update(state, yaw_rad)
+
+    course = Course(origin_world=np.zeros(2), heading_rad=0.3, yaw_rad=0.1)
+    reckoning = Reckoning(POINT_FEET, (), DT_S)
+    hold = law(course=course, hold="heading", trim_rad=0.05, dead_reckoning=reckoning)
+    hold.update(DT_S, state_of(None, np.array(0.12)))
+    assert seen_rad == [pytest.approx(0.12 - 0.35)]
+
+
 def test_without_contacts_or_measured_angles_it_is_unknown() -> None:
     reckoning = DeadReckoning(POINT_FEET, (), 0.02)
     assert np.isnan(reckoned(reckoning, None))
