@@ -204,7 +204,14 @@ class Optimizer(ABC):
             raise OptimizerMisuseError(f"{self.name}: ask after ask; tell the scores of {self._asked} first")
         if count < 1:
             raise InputError(f"{self.name}: got a request for {count} codes; allowed: 1 or more")
-        self._asked = self._suggest(count)
+        suggested = self._suggest(count)
+        codes = range(1, self.space.size + 1)
+        if not 0 < len(suggested) <= count or not all(code in codes for code in suggested):
+            raise InputError(
+                f"{argument('optimizer')}: {self.name} suggested {list(suggested)[:10]}; "
+                f"allowed: 1 to {count} codes from 1 to {self.space.size}"
+            )
+        self._asked = [int(code) for code in suggested]
         return list(self._asked)
 
     def tell(

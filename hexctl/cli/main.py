@@ -78,7 +78,12 @@ class _Commands(HelpGroup):
             return TyperCommand(cmd_name, help=declared.summary, rich_help_panel=declared.panel)
         if cmd_name not in self.commands:
             return None
-        return self.commands[cmd_name]
+        try:
+            return self.commands[cmd_name]
+        except InputError:
+            if not ctx.resilient_parsing:
+                raise
+            return TyperCommand(cmd_name)  # completes to nothing: the shell has no place for messages
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of all commands, in the order of the help."""
@@ -115,7 +120,7 @@ def _load(name: str, folder: str | None) -> tuple[ModuleType, Any]:
     if plugin is None:
         raise InputError(f"{name}: its entry point is missing; install hexctl again")
     found = plugin.load()
-    if not callable(found):
+    if not callable(found) or isinstance(found, type):
         raise InputError(f"{plugin}: got a {type(found).__name__}; allowed: a function or a typer.Typer")
     return sys.modules[plugin.entry.module], found
 

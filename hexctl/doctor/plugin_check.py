@@ -8,7 +8,7 @@ from typing import Any
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.optimizers.shipped import NAMES
 from hexctl.backends.base import LegServos
-from hexctl.backends.bus.family import Family
+from hexctl.backends.bus.family import Family, find_family
 from hexctl.backends.registry import BACKENDS
 from hexctl.control.monitor.recovery import RECOVERIES, Recovery
 from hexctl.doctor.settings_check import without_home
@@ -64,10 +64,14 @@ def _problem(plugin: Plugin, taken: Container[str], kind: Any) -> str | None:
         return f"hexctl has a {plugin.entry.name}, too, which is used; rename the entry point"
     try:
         find_plugin(plugin.door, plugin.entry.name)
+        if plugin.door == "families":
+            find_family(plugin.entry.name)
         found = plugin.load()
     except HexctlError as error:
         return without_home(str(error))
-    is_class = isinstance(found, type) and kind is not Callable
+    is_class = isinstance(found, type)
+    if kind is Callable:
+        return None if callable(found) and not is_class else f"{plugin} is no function"
     fits = issubclass(found, kind) if is_class else isinstance(found, kind)
     factory = plugin.door == "servos" and not is_class and callable(found)
     return None if fits or factory else f"{plugin} is no {kind.__name__}"

@@ -146,7 +146,7 @@ def export(
                 export_session(str(sources[0]), kind, draft, Path(folder), on_damage=on_damage)
         else:
             trials = recordings_to_export(sources, Path(folder), robot, on_damage)
-            _write_trials(trials, kind, path, asked, on_progress or (lambda *_: None))
+            _write_trials(trials, kind, path, asked, on_progress or (lambda *_: None), on_damage)
     return path
 
 
@@ -252,7 +252,12 @@ def write_ros2(robot: Robot, folder: Path, source: str) -> None:
 
 
 def _write_trials(
-    trials: Trials, kind: str, path: Path, picture: PictureOptions, on_progress: OnProgress
+    trials: Trials,
+    kind: str,
+    path: Path,
+    picture: PictureOptions,
+    on_progress: OnProgress,
+    on_damage: OnDamage,
 ) -> None:
     if kind not in ("lerobot", "gif", "mp4") and len(trials) > 1 and path.suffix:
         given = f"{argument('output')}: got {path} for {len(trials)} recordings"
@@ -261,7 +266,7 @@ def _write_trials(
         if kind == "lerobot":
             from hexctl.export.lerobot import write_lerobot
 
-            write_lerobot(trials, draft, on_progress)
+            write_lerobot(trials, draft, on_progress, on_damage)
         elif kind in ("gif", "mp4"):
             from hexctl.export.pictures import write_pictures
 

@@ -8,8 +8,9 @@ import numpy as np
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.columns import RECORDED
-from hexctl.errors import InputError, MissingExtraError
+from hexctl.errors import InputError, MissingExtraError, RecordingError
 from hexctl.export.recordings import OnProgress, Trials, title_of
+from hexctl.files import OnDamage, log_damage
 from hexctl.recording.recorded_trial import RecordedTrial
 from hexctl.types import JOINT_NAMES, FloatArray
 
@@ -41,24 +42,31 @@ SCALARS = {
 }
 
 
-def write_lerobot(trials: Trials, folder: Path, on_progress: OnProgress) -> None:
+def write_lerobot(
+    trials: Trials, folder: Path, on_progress: OnProgress, on_damage: OnDamage = log_damage
+) -> None:
     """Write trials of one robot as a LeRobot dataset into a new folder.
 
     `action` contains the commanded joint angles, `observation.state` the measured ones, both in rad. Pose and
-    sensors are included if all trials have them. Frames are evenly spaced, with interpolated values. Raises
-    InputError for trials of several robots, and MissingExtraError without pandas and pyarrow.
+    sensors are included if all trials have them throughout; `on_damage` takes others. Frames are evenly
+    spaced, with interpolated values. Raises InputError for trials of several robots, and MissingExtraError
+    without pandas and pyarrow.
     """
     pa, pq, pandas = _libraries()
     robots, texts, episodes, done = set[str](), list[str](), list[dict[str, Any]](), 0
+    seen = set[str]()
     for number, trial in enumerate(trials):
         robots.add(trial.robot.name)
         texts.append(task_of(trial))
+        seen |= _seen(trial)
         episodes.append(_frames(trial, number, done, list(dict.fromkeys(texts)).index(texts[-1])))
         done += len(episodes[-1]["index"])
         on_progress(number + 1, len(trials))
     if len(robots) != 1:
         raise InputError(f"lerobot: got {len(robots)} robots, {', '.join(sorted(robots))}; allowed: one")
     names = [name for name in (*VECTORS, *SCALARS) if all(name in columns for columns in episodes)]
+    for name in sorted(seen - {*names}):
+        on_damage(RecordingError(f"{name}, which is not known in all ticks of all recordings"))
     tasks = list(dict.fromkeys(texts))
     data, episodes_file = folder / DATA.format(chunk_index=0, file_index=0), folder / EPISODES
     for parent in (data.parent, episodes_file.parent):
@@ -122,6 +130,14 @@ def _frames(trial: RecordedTrial, number: int, before: int, task: int) -> dict[s
         "episode_index": np.full(length, number),
         "index": before + np.arange(length),
         "task_index": np.full(length, task),
+    }
+
+
+def _seen(trial: RecordedTrial) -> set[str]:
+    """Features that a trial knows in some tick."""
+    pose = {"observation.pose"} if trial.posed.any() else set[str]()
+    return pose | {
+        column.feature for column in RECORDED if column.feature is not None and column.name in trial.sensors
     }
 
 

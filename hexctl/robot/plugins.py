@@ -7,6 +7,7 @@ metadata; the object is imported when it is used.
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import redirect_stdout
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -54,7 +55,8 @@ class Plugin:
     def load(self) -> Any:
         """Import the object; raises InputError that names the distribution, or MissingExtraError."""
         try:
-            return self.entry.load()
+            with redirect_stdout(sys.stderr):  # what its import prints is no output of a command
+                return self.entry.load()
         except (Exception, SystemExit) as error:
             extra = EXTRAS.get((getattr(error, "name", None) or "").partition(".")[0])
             if isinstance(error, ModuleNotFoundError) and extra is not None:

@@ -1,5 +1,6 @@
 """All optimizers keep to the interface; deduplication, the populations by their papers, and the registry."""
 
+import json
 import re
 import sys
 from collections.abc import Callable
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.optimizer import Observation, Optimizer
+from hexctl.adapt.optimizers.baselines import RandomSearch
 from hexctl.adapt.optimizers.deduplication import Deduplication, SpaceExhaustedError
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.population import (
@@ -101,6 +103,28 @@ def test_the_size_of_the_pieces_does_not_change_the_search(
 ) -> None:
     first, *others = [search(counting(name)(ONE_FAILED, 3), 150, batch=batch) for batch in BATCHES]
     assert all(codes == first for codes in others)
+
+
+@pytest.mark.parametrize("suggested", [[], [0], [121], [1, 2], ["1"]])
+def test_suggestions_that_are_no_codes_are_refused_with_the_optimizers_name(suggested: list[Any]) -> None:
+    class Odd(RandomSearch):
+        name = "odd"
+
+        def _suggest(self, count: int) -> list[int]:
+            return suggested
+
+    for optimizer in (Odd(ONE_FAILED, 1), Deduplication(Odd(ONE_FAILED, 1), 1)):
+        with pytest.raises(InputError, match="optimizer: odd"):
+            optimizer.ask(1)
+
+
+def test_codes_of_numpy_are_stored_as_numbers() -> None:
+    class Drawn(RandomSearch):
+        def _suggest(self, count: int) -> list[int]:
+            return list(self._random.integers(1, 121, count))
+
+    optimizer = Drawn(ONE_FAILED, 1)
+    assert optimizer.ask(3) == json.loads(json.dumps(optimizer.state()))["asked"]
 
 
 @pytest.mark.parametrize("name", ["pso", "psosp", "dps", "debest", "derand"])

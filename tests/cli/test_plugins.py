@@ -1,5 +1,6 @@
 """Plug-ins: found by their metadata, imported when they are used, and refused with their distribution."""
 
+import json
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -99,6 +100,7 @@ def test_a_family_is_a_driver_and_a_backend_by_its_name(install: Install, tmp_pa
     assert isinstance(made, BusServos)
     with pytest.raises(InputError, match=r"outside:Nothing"):
         simulated_servos(bus_map)
+    assert [one.name for one in read_plugins() if one.error] == ["no", "other"]
     for name in ("other", "no"):  # a family of another name, and a function
         with pytest.raises(InputError, match=rf"driver: {name} of outside 1\.2 "):
             find_family(name)
@@ -189,3 +191,29 @@ def test_a_command_of_a_plugin_is_listed_unimported_and_runs(install: Install, c
 def test_a_command_that_is_no_function_is_refused(install: Install, call: Call) -> None:
     install(commands="greet = outside:MODULE_NAME", module="MODULE_NAME = 'outside'\n")
     assert "outside 1.2" in call("greet", code=2).refusal
+
+
+def test_what_a_plugin_prints_at_import_is_no_output(install: Install, call: Call) -> None:
+    install(
+        module="print('noise')\n" + MODULE,
+        commands="greet = outside:greet",
+        optimizers="out = outside:Search",
+    )
+    assert json.loads(call("doctor --json").out)["plugins"]
+    assert call("greet --name Ant").out == "hello Ant\n"
+
+
+@pytest.mark.parametrize(
+    "module", ["import no_such_module_here\n", "raise SystemExit\n", "class greet: pass\n"]
+)
+def test_a_broken_command_completes_to_nothing_and_doctor_names_it(
+    module: str, install: Install, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    install(module=module, commands="greet = outside:greet")
+    words = {"_HEXCTL_COMPLETE": "complete_bash", "COMP_WORDS": "hexctl greet ", "COMP_CWORD": "2"}
+    for name, value in words.items():
+        monkeypatch.setenv(name, value)
+    with pytest.raises(SystemExit):
+        app(prog_name="hexctl", args=[])
+    assert "".join(capsys.readouterr()).strip() == ""
+    assert [one.name for one in read_plugins(COMMANDS) if one.error] == ["greet"]

@@ -19,7 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from hexctl.columns import RECORDED
 from hexctl.control.trace import PHASES
-from hexctl.errors import InputError
+from hexctl.errors import HexctlError, InputError
 from hexctl.export.export import trial_columns, write_csv, write_parquet
 from hexctl.export.lerobot import DATA, FPS, QUANTILES, task_of, write_lerobot
 from hexctl.export.mcap import TOPICS, write_mcap
@@ -150,7 +150,10 @@ def test_late_ticks_are_made_even(walk: RecordedTrial, tmp_path: Path) -> None:
 def test_robots_are_not_mixed_and_what_one_lacks_none_has(walk: RecordedTrial, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="2 robots"):
         write_lerobot([walk, replace(walk, robot=shipped("ant"))], tmp_path / "mixed", lambda *_: None)
-    write_lerobot([walk, replace(walk, sensors={})], tmp_path / "some", lambda *_: None)
+    left_out: list[HexctlError] = []
+    write_lerobot([walk, replace(walk, sensors={})], tmp_path / "some", lambda *_: None, left_out.append)
+    assert any("observation.contacts" in str(error) for error in left_out)
+    assert not any("observation.pose" in str(error) for error in left_out)
     names = pq.read_schema(tmp_path / "some/data/chunk-000/file-000.parquet").names
     assert "observation.contacts" not in names
     assert "observation.pose" in names

@@ -71,5 +71,8 @@ def find_family(name: str) -> Family:
         raise InputError(f"{driver}: got {name!r}; allowed: {', '.join(known)}{nearest(name, known)}")
     loaded = plugin.load()
     if not isinstance(loaded, Family) or loaded.name != name:
-        raise InputError(f"{driver}: {plugin} is {loaded!r}; allowed: a Family of this name")
+        named = f" named {loaded.name!r}" if isinstance(loaded, Family) else ""
+        raise InputError(
+            f"{driver}: {plugin} is a {type(loaded).__name__}{named}; allowed: a Family of the name {name}"
+        )
     return loaded
