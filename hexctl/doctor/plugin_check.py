@@ -64,9 +64,7 @@ def _problem(plugin: Plugin, taken: Container[str], kind: Any) -> str | None:
         return f"hexctl has a {plugin.entry.name}, too, which is used; rename the entry point"
     try:
         find_plugin(plugin.door, plugin.entry.name)
-        if plugin.door == "families":
-            find_family(plugin.entry.name)
-        found = plugin.load()
+        found: Any = find_family(plugin.entry.name) if plugin.door == "families" else plugin.load()
     except HexctlError as error:
         return without_home(str(error))
     is_class = isinstance(found, type)

@@ -72,7 +72,6 @@ def find_family(name: str) -> Family:
     loaded = plugin.load()
     if not isinstance(loaded, Family) or loaded.name != name:
         named = f" named {loaded.name!r}" if isinstance(loaded, Family) else ""
-        raise InputError(
-            f"{driver}: {plugin} is a {type(loaded).__name__}{named}; allowed: a Family of the name {name}"
-        )
+        got = f"{plugin} is a {type(loaded).__name__}{named}"
+        raise InputError(f"{driver}: {got}; allowed: a Family named {name!r}")
     return loaded
