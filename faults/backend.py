@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import yaml
 
+from hexctl.backends.pwm.pulse_board import find_board
 from hexctl.robot.configs import config_root
-from hexctl.robot.servos.drivers import FAMILIES, PWM_DRIVERS
+from hexctl.robot.servos.drivers import BOARDS, FAMILIES
 
 #: Horns of the servos on a bus, and what a keeper does: hold, so that the last motion is that of the walk.
 ON_A_BUS: dict[str, Any] = {
@@ -52,7 +54,17 @@ class Backend:
     @property
     def hobby(self) -> bool:
         """Whether its servos report nothing."""
-        return self.name in PWM_DRIVERS
+        return self.name in BOARDS
+
+    @property
+    def kinds(self) -> frozenset[str]:
+        """Words of the faults that its simulated board of hobby servos knows; none for others."""
+        return frozenset(resolve_name(find_board(self.name).simulated).kinds if self.hobby else ())
+
+    @property
+    def garbling(self) -> str:
+        """Word of the fault that damages what its board answers."""
+        return "nack" if "nack" in self.kinds else "garble"
 
     def write_file(self, folder: Path) -> Path:
         """Write the robot file into a folder."""

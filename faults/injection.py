@@ -78,8 +78,7 @@ class Injection:
         if self._rig.relay is not None:
             self._rig.relay.tell("clear")
         elif (lossy or garbled) and self._rig.backend.boarded:
-            nothing = "loss 0" if lossy else "garble:0"
-            self._rig.tell_twin("nack:0" if self._rig.backend.name == "pca9685" else nothing)
+            self._rig.tell_twin(self._lossy_word(0) if lossy else f"{self._rig.backend.garbling}:0")
 
     def _kinds(self) -> dict[str, Callable[[], float]]:
         """What makes a fault, by the beginning of its name, the longer ones first."""
@@ -143,11 +142,13 @@ class Injection:
     def _lose(self) -> float:
         share = float(self._fault.name.partition("-")[2]) / 100
         if self._rig.relay is None:
-            return self._rig.tell_twin(
-                f"nack:{share}" if self._rig.backend.name == "pca9685" else f"loss {share}"
-            )
+            return self._rig.tell_twin(self._lossy_word(share))
         self._rig.relay.tell(f"loss {share}")
         return time.monotonic()
+
+    def _lossy_word(self, share: float) -> str:
+        """Word for a share of packets that get lost; an I2C bus loses none unnoticed."""
+        return f"nack:{share}" if "nack" in self._rig.backend.kinds else f"loss {share}"
 
     def _reorder(self) -> float:
         assert self._rig.relay is not None
@@ -163,7 +164,7 @@ class Injection:
         if self._rig.relay is not None:
             self._rig.relay.tell(f"garble {GARBLED}")
             return time.monotonic()
-        return self._rig.tell_twin(f"{'nack' if self._rig.backend.name == 'pca9685' else 'garble'}:{GARBLED}")
+        return self._rig.tell_twin(f"{self._rig.backend.garbling}:{GARBLED}")
 
     def _jump(self) -> float:
         """In the controller, and in the process of the twin, which is the server where it is served."""
@@ -176,7 +177,7 @@ class Injection:
         return self._rig.tell_twin(f"mute:{LEG}:{KIND}" if bus else f"limp {LEG} {KIND}")
 
     def _brown_out(self) -> float:
-        return self._rig.tell_twin("reset" if self._rig.backend.name == "pca9685" else "brown-out")
+        return self._rig.tell_twin("reset" if "reset" in self._rig.backend.kinds else "brown-out")
 
     def _freeze_encoder(self) -> float:
         return self._rig.tell_twin(f"frozen {JOINT}")

@@ -49,7 +49,7 @@ def why_not(fault: Fault, backend: Backend, phase: str) -> str | None:
         return WIRE
     if name == "garbled" and backend.name == "zenoh":
         return CHECKED
-    if name == "brown-out" and not (backend.serial_bus or backend.name == "pca9685"):
+    if name == "brown-out" and not (backend.serial_bus or "reset" in backend.kinds):
         return NO_SUPPLY
     if name in ("wild-reading", "frozen-encoder") and backend.hobby:
         return NO_FEEDBACK

@@ -13,6 +13,7 @@ import threading
 import time
 from contextlib import ExitStack
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -23,14 +24,12 @@ from faults.programs.twin import TwinServos
 from hexctl.backends.bus.bus_map import bus_map_of
 from hexctl.backends.clock import PERIOD_S, realtime_priority
 from hexctl.backends.mavlink.mavlink_transport import open_port, parse_port
-from hexctl.backends.pwm.pwm_map import pwm_map_of
+from hexctl.backends.pwm.pulse_board import find_board, pwm_map_of
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.drivers import FAMILIES
 from hexctl.simulators.board_faults import parse_fault
 from hexctl.simulators.bus_board import BusBoard
 from hexctl.simulators.lx16a_servos import Lx16aServos
-from hexctl.simulators.pca9685_board import Pca9685Board
-from hexctl.simulators.servo2040_board import Servo2040Board
 from hexctl.simulators.servo_board import ServoBoard
 from hexctl.simulators.simulated_board import PseudoTerminal, SimulatedBoard
 
@@ -79,6 +78,8 @@ class Told(SimulatedBoard):
         """Write into the truth of a twin, and take its words."""
         self._twin, self._goals, self._noted_s = twin, 0, -math.inf
         twin.others = self._fail
+        if isinstance(self._line, PseudoTerminal):  # on which packets may get lost
+            self._line = LossyLine(self._line, seed=1)
 
     def _serve(self, timeout_s: float) -> None:
         super()._serve(timeout_s)  # type: ignore[safe-super]  # behind it is a board
@@ -105,26 +106,8 @@ class Told(SimulatedBoard):
 class ToldBus(Told, BusBoard):
     """Servos on a serial bus."""
 
-    def observe(self, twin: TwinServos) -> None:
-        """Write into the truth of a twin, and take its words; packets may get lost."""
-        super().observe(twin)
-        self._line = LossyLine(self._line, seed=1)
-
     def _moves_take_time(self) -> bool:
         return isinstance(self._family, Lx16aServos)
-
-
-class ToldServo2040(Told, Servo2040Board):
-    """A servo2040."""
-
-    def observe(self, twin: TwinServos) -> None:
-        """Write into the truth of a twin, and take its words; frames may get lost."""
-        super().observe(twin)
-        self._line = LossyLine(self._line, seed=1)
-
-
-class ToldPca9685(Told, Pca9685Board):
-    """Two PCA9685."""
 
 
 def made_board(backend: str, robot_file: Path, folder: Path) -> tuple[Any, str]:
@@ -140,10 +123,9 @@ def made_board(backend: str, robot_file: Path, folder: Path) -> tuple[Any, str]:
     if backend in FAMILIES:
         bus_map = bus_map_of(section, backend)
         told: Told = ToldBus(twin, bus_map, baud=bus_map.family.bauds[0])
-    elif backend == "servo2040":
-        told = ToldServo2040(twin, pwm_map_of(section, backend))
     else:
-        told = ToldPca9685(twin, pwm_map_of(section, backend))
+        board = resolve_name(find_board(backend).simulated)
+        told = type(f"Told{board.__name__}", (Told, board), {})(twin, pwm_map_of(section, backend))
     told.observe(twin)
     return told, told.path
 

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, Self
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.bus.bus_map import bus_map_of
-from hexctl.backends.pwm.pwm_map import pwm_map_of
+from hexctl.backends.pwm.pulse_board import find_board, pwm_map_of
 from hexctl.errors import InputError, MissingExtraError, UnusedError, argument
 from hexctl.robot.failure import Failure, FailureEvent
 from hexctl.robot.loader import RobotFile
 from hexctl.robot.model import Robot
 from hexctl.robot.plugins import load_custom, plugin_names
-from hexctl.robot.servos.drivers import FAMILIES, PWM_DRIVERS, bus_drivers
+from hexctl.robot.servos.drivers import BOARDS, FAMILIES, all_drivers, is_board, is_driver
 from hexctl.robot.servos.raw_map import RawMap
 from hexctl.robot.servos.servo_map import ServoMap, default_servo_map
 from hexctl.robot.servos.servo_schema import ServosSection
@@ -75,13 +75,11 @@ class BackendOptions:
 class Backend:
     """One entry of the registry: `make` returns unconnected servos.
 
-    `takes` are the used fields of `BackendOptions`, besides the robot and its file. With
-    `has_keeper` a keeper lets the robot down if its server dies.
+    `takes` are the used fields of `BackendOptions`, besides the robot and its file.
     """
 
     make: Callable[[BackendOptions], LegServos]
     takes: frozenset[str]
-    has_keeper: bool = False
 
 
 def option_values(spec: object, *, but: Container[str] = ()) -> dict[str, Any]:
@@ -102,15 +100,20 @@ def make_servos(name: str, options: BackendOptions) -> LegServos:
 
 
 def find_backend(name: str) -> Backend | None:
-    """Backend of a name, also of a plug-in's family of bus servos; None for custom servos."""
-    if name not in BACKENDS and name in bus_drivers():
-        return _bus_backend(name)
+    """Backend of a name, also of a plug-in's bus servos or board; None for custom servos."""
+    if name not in BACKENDS and is_driver(name):
+        return _driver_backend(name)
     return BACKENDS.get(name)
+
+
+def has_keeper(name: str) -> bool:
+    """Whether a keeper lets the robot of a backend down if its server dies."""
+    return find_board(name).has_keeper if is_board(name) else is_driver(name)
 
 
 def backend_names() -> tuple[str, ...]:
     """Names of all backends, also those of plug-ins."""
-    return tuple(dict.fromkeys((*BACKENDS, *bus_drivers(), *plugin_names("servos"))))
+    return tuple(dict.fromkeys((*BACKENDS, *all_drivers(), *plugin_names("servos"))))
 
 
 def raw_map_of(file: RobotFile) -> RawMap:
@@ -119,7 +122,7 @@ def raw_map_of(file: RobotFile) -> RawMap:
     if section.driver is None:
         return file.servo_map
     try:
-        if section.driver in PWM_DRIVERS:
+        if is_board(section.driver):
             return pwm_map_of(section, section.driver)
         return bus_map_of(section, section.driver, file.p_gain)
     except InputError as error:
@@ -211,24 +214,16 @@ def _bus(options: BackendOptions, *, driver: str) -> LegServos:
     return BusServos(options.robot, bus_map=bus_map, port=address.path, baud=address.baud)
 
 
-def _bus_backend(driver: str) -> Backend:
-    return Backend(partial(_bus, driver=driver), frozenset({"port"}), has_keeper=True)
+def _board(options: BackendOptions, *, driver: str) -> LegServos:
+    board, section = find_board(driver), options.servos_section
+    pwm_map = pwm_map_of(section, driver)
+    port = board.parse_port(options.port or section.port, section.baud)
+    return board.servos(options.robot, pwm_map=pwm_map, port=port)
 
 
-def _servo2040(options: BackendOptions) -> LegServos:
-    from hexctl.backends.pwm.servo2040 import Servo2040Servos, parse_servo2040_port
-
-    pwm_map = pwm_map_of(options.servos_section, "servo2040")
-    port = parse_servo2040_port(options.port or options.servos_section.port)
-    return Servo2040Servos(options.robot, pwm_map=pwm_map, port=port)
-
-
-def _pca9685(options: BackendOptions) -> LegServos:
-    from hexctl.backends.pwm.pca9685 import Pca9685Servos, parse_i2c_port
-
-    pwm_map = pwm_map_of(options.servos_section, "pca9685")
-    port = parse_i2c_port(options.port or options.servos_section.port)
-    return Pca9685Servos(options.robot, pwm_map=pwm_map, port=port)
+def _driver_backend(driver: str) -> Backend:
+    make = _board if is_board(driver) else _bus
+    return Backend(partial(make, driver=driver), frozenset({"port"}))
 
 
 def _make_own(name: str, options: BackendOptions) -> LegServos:
@@ -262,7 +257,7 @@ _ALLOWED = "a LegServos class that takes the robot"
 
 def _own_class(name: str) -> tuple[Any, str]:
     """Class of a plug-in or of `package.module:Class`, and its name for messages."""
-    known = tuple(dict.fromkeys((*BACKENDS, *bus_drivers())))
+    known = tuple(dict.fromkeys((*BACKENDS, *all_drivers())))
     return load_custom(name, "backend", known=known, allowed=_ALLOWED, door="servos")
 
 
@@ -279,8 +274,6 @@ BACKENDS: dict[str, Backend] = {
     "sim": Backend(_sim, frozenset({"world", "failures", "events", "seed", "trial", "realtime"})),
     "zenoh": Backend(_zenoh, frozenset({"connect", "credentials", "insecure", "link"})),
     "mavlink": Backend(_mavlink, frozenset({"port", "credentials", "insecure"})),
-    **{driver: _bus_backend(driver) for driver in FAMILIES},
-    "servo2040": Backend(_servo2040, frozenset({"port"})),
-    "pca9685": Backend(_pca9685, frozenset({"port"}), has_keeper=True),
+    **{driver: _driver_backend(driver) for driver in (*FAMILIES, *BOARDS)},
     "mock": Backend(_mock, frozenset()),
 }

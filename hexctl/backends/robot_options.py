@@ -9,6 +9,7 @@ from hexctl.options import RARE, UNTYPED, Panel, Range, Typed
 from hexctl.robot.failure_grammar import AskedFailures, AskedLegs
 from hexctl.robot.model import Robot
 from hexctl.robot.plugins import plugin_names
+from hexctl.robot.servos.drivers import all_drivers
 from hexctl.wire.links import LinkOptions
 
 FAILURE = Panel("Failure")
@@ -20,7 +21,7 @@ SEED = Range(low=0, whole=True)
 def lower_case(name: str) -> str:
     """A lower-case name; `package.module:Class` and the name of a plug-in are unchanged."""
     text = name.strip()
-    if text == text.lower() or ":" in text or text in (*plugin_names("servos"), *plugin_names("families")):
+    if text == text.lower() or ":" in text or text in (*plugin_names("servos"), *all_drivers()):
         return text
     return text.lower()
 

@@ -9,12 +9,16 @@ from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.optimizers.shipped import NAMES
 from hexctl.backends.base import LegServos
 from hexctl.backends.bus.family import Family, find_family
+from hexctl.backends.pwm.pulse_board import PulseBoard, find_board
 from hexctl.backends.registry import BACKENDS
 from hexctl.control.monitor.recovery import RECOVERIES, Recovery
 from hexctl.doctor.settings_check import without_home
 from hexctl.errors import HexctlError
 from hexctl.robot.plugins import Door, Plugin, find_plugin, plugins
-from hexctl.robot.servos.drivers import FAMILIES
+from hexctl.robot.servos.drivers import BOARDS, FAMILIES
+
+#: How users find the objects of doors whose names must fit.
+FINDERS: dict[Door, Callable[[str], object]] = {"families": find_family, "boards": find_board}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,6 +37,7 @@ def read_plugins(commands: Container[str] = ()) -> tuple[PluginReport, ...]:
     doors: dict[Door, tuple[Container[str], Any]] = {
         "servos": (BACKENDS, LegServos),
         "families": (FAMILIES, Family),
+        "boards": (BOARDS, PulseBoard),
         "optimizers": (NAMES, Optimizer),
         "recoveries": (RECOVERIES, Recovery),
         "commands": (commands, Callable),
@@ -64,7 +69,8 @@ def _problem(plugin: Plugin, taken: Container[str], kind: Any) -> str | None:
         return f"hexctl has a {plugin.entry.name}, too, which is used; rename the entry point"
     try:
         find_plugin(plugin.door, plugin.entry.name)
-        found: Any = find_family(plugin.entry.name) if plugin.door == "families" else plugin.load()
+        finder = FINDERS.get(plugin.door)
+        found: Any = plugin.load() if finder is None else finder(plugin.entry.name)
     except HexctlError as error:
         return without_home(str(error))
     is_class = isinstance(found, type)

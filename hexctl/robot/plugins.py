@@ -11,6 +11,7 @@ from contextlib import redirect_stdout
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
+from pkgutil import resolve_name
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 MadeT = TypeVar("MadeT")
 
 #: What plug-ins may be: the last word of a group of entry points.
-Door = Literal["servos", "families", "optimizers", "recoveries", "commands", "arenas"]
+Door = Literal["servos", "families", "boards", "optimizers", "recoveries", "commands", "arenas"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +90,26 @@ def find_plugin(door: Door, name: str) -> Plugin | None:
         offering = " and ".join(one.distribution for one in found)
         raise InputError(f"{len(found)} distributions offer {name!r}: {offering}; uninstall all but one")
     return next(iter(found), None)
+
+
+def find_named(door: Door, name: str, own: Mapping[str, str], kind: type[MadeT], part: str) -> MadeT:
+    """The object of a name, which it has as `name`: hexctl's own of `module:name`, else a plug-in's.
+
+    Raises InputError for an unknown name, and for a plug-in without such an object.
+    """
+    if name in own:
+        found: MadeT = resolve_name(own[name])
+        return found
+    plugin, what = find_plugin(door, name), argument(part)
+    if plugin is None:
+        known = tuple(dict.fromkeys((*own, *plugin_names(door))))
+        raise InputError(f"{what}: got {name!r}; allowed: {', '.join(known)}{nearest(name, known)}")
+    loaded = plugin.load()
+    if not isinstance(loaded, kind) or getattr(loaded, "name", None) != name:
+        named = f" named {loaded.name!r}" if isinstance(loaded, kind) else ""  # type: ignore[attr-defined]
+        got = f"{plugin} is a {type(loaded).__name__}{named}"
+        raise InputError(f"{what}: {got}; allowed: a {kind.__name__} named {name!r}")
+    return loaded
 
 
 def module_here(name: str) -> ModuleType:

@@ -23,7 +23,7 @@ import numpy as np
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.bus.servos import BusServos
-from hexctl.backends.pwm.pca9685 import Pca9685Servos
+from hexctl.backends.pwm.servos import PwmServos
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.control.controllers import SITTING_S, sitting_angles_rad
 from hexctl.control.guard import MAX_EXPIRY_S, Guard
@@ -150,9 +150,9 @@ def take_over(spec: KeeperSpec) -> str:
     """Let the robot sit down, or hold; return a description. Raises RobotFaultError without a bus."""
     servos = _connected(spec)
     with Guard(servos, expiry_s=MAX_EXPIRY_S) as guard:
-        if isinstance(servos, BusServos | Pca9685Servos) and not servos.holds:
+        if isinstance(servos, BusServos | PwmServos) and not servos.holds:
             return "had no torque"
-        if isinstance(servos, Pca9685Servos) and not servos.powered.all():
+        if isinstance(servos, PwmServos) and not servos.powered.all():
             return _without_some_pulses(guard, sits=spec.sits)
         if not spec.sits:
             return "holds"  # with its last goals: goals at the measured angles would let it sag

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import realtime_priority
-from hexctl.backends.registry import BackendOptions, find_backend, make_servos
+from hexctl.backends.pwm.pulse_board import find_board
+from hexctl.backends.registry import BackendOptions, has_keeper, make_servos
 from hexctl.backends.ticked_servos import PortServos
 from hexctl.errors import InputError, argument
 from hexctl.options import check_names
-from hexctl.robot.servos.drivers import PWM_DRIVERS, is_driver
+from hexctl.robot.servos.drivers import is_board, is_driver
 from hexctl.server.serve_options import ServeOptions
 from hexctl.server.server import RobotServer
 from hexctl.server.stops.stop_file import StopFile
@@ -169,8 +170,8 @@ class RobotService(ServeOptions):
         return StopFile(robot, backend, port or link.endpoint, asked_only=simulated, clear=clear)
 
     def _warnings(self, link: Link) -> tuple[str, ...]:
-        pwm = self.backend in PWM_DRIVERS
-        board = (NO_WATCHDOG.format(backend=self.backend),) if pwm else ()
+        dies = is_board(self.backend) and not find_board(self.backend).has_watchdog
+        board = (NO_WATCHDOG.format(backend=self.backend),) if dies else ()
         if self.ros is None:
             return board
         return board + router_warnings(link, self.ros, drive=self.ros_drive)
@@ -178,8 +179,7 @@ class RobotService(ServeOptions):
     def _keeper(self, options: BackendOptions) -> "Keeper | None":
         from hexctl.server.keeper import Keeper, KeeperSpec
 
-        backend = find_backend(self.backend)
-        if backend is None or not backend.has_keeper or options.robot_file is None:
+        if not has_keeper(self.backend) or options.robot_file is None:
             return None
         return Keeper(
             KeeperSpec(

@@ -4,24 +4,25 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.bus.bus_map import bus_map_of
 from hexctl.backends.bus.family import find_family
 from hexctl.backends.clock import realtime_priority
-from hexctl.backends.pwm.pwm_map import pwm_map_of
+from hexctl.backends.pwm.pulse_board import find_board, pwm_map_of
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.errors import InputError, argument
 from hexctl.options import RARE, Panel, Range, Typed, check_used
-from hexctl.robot.servos.drivers import BAUD, PWM_DRIVERS, all_drivers, is_driver
+from hexctl.robot.servos.drivers import BAUD, all_drivers, is_board, is_driver
 from hexctl.server.serve_options import ServedOptions
 
 if TYPE_CHECKING:
     from hexctl.backends.mavlink.mavlink_transport import Port
     from hexctl.server.service import ServiceStarted
     from hexctl.simulators.servo_board import ServoBoard
-    from hexctl.simulators.simulated_board import SimulatedBoard
+    from hexctl.simulators.simulated_board import SimulatedBoard, SimulatedPulseBoard
 
 BoardBackend = Literal["sim", "mock"]
 EXPIRY_S = Range(low=0.05, high=1, unit="s")
@@ -100,12 +101,6 @@ class BoardService(ServedOptions):
             raise InputError(
                 f"{argument('pty')}: got {argument('port')} {self.port} too; allowed: one or the other"
             )
-        if self.bus == "servo2040" and self.baud is not None:
-            raise InputError(
-                f"{argument('baud')}: got {self.baud} with servo2040, a USB device; allowed: with other buses"
-            )
-        if self.bus == "pca9685" and self.model is not None:
-            raise InputError(f"{argument('model')}: got {self.model} with pca9685; allowed: without")
 
     @property
     def signed(self) -> bool:
@@ -114,12 +109,11 @@ class BoardService(ServedOptions):
 
     @property
     def bits_per_s(self) -> int:
-        """Speed of the line of a bus; 0 for a MAVLink board or a servo2040."""
-        from hexctl.simulators.pca9685_board import BITS_PER_S
-
-        if self.bus is None or self.bus in PWM_DRIVERS:
-            return self.baud or (BITS_PER_S if self.bus == "pca9685" else 0)
-        return self.baud or find_family(self.bus).bauds[0]
+        """Speed of the line of a bus; 0 for a MAVLink board or a USB device."""
+        if self.bus is None:
+            return 0
+        usual = _twin_of(self.bus).usual_baud if is_board(self.bus) else find_family(self.bus).bauds[0]
+        return self.baud or usual
 
     def run(
         self,
@@ -178,17 +172,13 @@ class BoardService(ServedOptions):
 
     def _simulated(self, servos: LegServos, options: BackendOptions) -> "tuple[SimulatedBoard, str]":
         from hexctl.simulators.bus_board import BusBoard
-        from hexctl.simulators.pca9685_board import Pca9685Board
-        from hexctl.simulators.servo2040_board import Servo2040Board
 
-        driver, section, firmware = str(self.bus), options.servos_section, self.model or "stock"
+        driver, section = str(self.bus), options.servos_section
         board: SimulatedBoard
-        if driver == "servo2040":
-            more = self._faults(Servo2040Board)
-            board = Servo2040Board(servos, pwm_map_of(section, driver), firmware=firmware, **more)
-        elif driver == "pca9685":
-            more = self._faults(Pca9685Board)
-            board = Pca9685Board(servos, pwm_map_of(section, driver), bits_per_s=self.bits_per_s, **more)
+        if is_board(driver):
+            twin = _twin_of(driver)
+            more = {"model": self.model, "baud": self.baud, **self._faults(twin)}
+            board = twin(servos, pwm_map_of(section, driver), **more)
         else:
             given = {} if self.model is None else {"model": self.model}
             bus_map, more = bus_map_of(section.model_copy(update=given), driver), self._faults(BusBoard)
@@ -199,3 +189,9 @@ class BoardService(ServedOptions):
         from hexctl.simulators.board_faults import parse_fault
 
         return {"faults": tuple(parse_fault(text, board.kinds) for text in self.fault), "seed": self.seed}
+
+
+def _twin_of(driver: str) -> "type[SimulatedPulseBoard]":
+    """Class of the simulated board of a driver."""
+    twin: type[SimulatedPulseBoard] = resolve_name(find_board(driver).simulated)
+    return twin

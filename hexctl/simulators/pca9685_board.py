@@ -7,6 +7,7 @@ import contextlib
 import errno
 import struct
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -19,13 +20,15 @@ from hexctl.backends.pwm.pca9685 import (
     INCREMENT,
     MODE1,
     MODE2,
+    PCA9685_CHANNELS,
     PRESCALE,
     RESTART,
     SLEEP,
+    settings_of,
 )
-from hexctl.backends.pwm.pwm_map import PCA9685_CHANNELS, PwmMap
+from hexctl.backends.pwm.pwm_map import PwmMap
 from hexctl.simulators.board_faults import BoardFault
-from hexctl.simulators.simulated_board import SimulatedBoard, SocketLine
+from hexctl.simulators.simulated_board import SimulatedPulseBoard, SocketLine
 from hexctl.types import BoolArray, FloatArray, RobotState
 
 #: Default speed of the bus in bits per second.
@@ -154,37 +157,26 @@ class SimulatedI2c:
         return answer
 
 
-class Pca9685Board(SimulatedBoard):
-    """Boards on a Unix socket, as there are no pseudo-devices for I2C.
-
-    `servos` are unconnected, in real time; `bits_per_s` is the speed of the bus; `seed` draws failed
-    transfers.
-    """
+class Pca9685Board(SimulatedPulseBoard):
+    """Boards on a Unix socket, as there are no pseudo-devices for I2C; `seed` draws failed transfers."""
 
     what, kinds, counted = "bus", PCA9685_FAULTS, ("transfers", "goals", "refused")
+    usual_baud = BITS_PER_S
 
-    def __init__(
-        self,
-        servos: LegServos,
-        pwm_map: PwmMap,
-        *,
-        bits_per_s: int = BITS_PER_S,
-        faults: tuple[BoardFault, ...] = (),
-        seed: int = 0,
-    ) -> None:
-        self._line = SocketLine("i2c")
-        super().__init__(servos, self._line, faults, seed)
-        self._map, self._bits_per_s = pwm_map, bits_per_s
-        self.chips = {
-            address: SimulatedPca9685(oscillator_mhz)
-            for address, oscillator_mhz in zip(pwm_map.addresses, pwm_map.oscillators_mhz, strict=True)
-        }
+    def __init__(self, servos: LegServos, pwm_map: PwmMap, **options: Any) -> None:
+        super().__init__(servos, pwm_map, **options)
+        self._settings = settings_of(pwm_map)
+        parts = zip(self._settings.addresses, self._settings.oscillators_mhz, strict=True)
+        self.chips = {address: SimulatedPca9685(oscillator_mhz) for address, oscillator_mhz in parts}
         self._bus = SimulatedI2c(self.chips)
         self._nacks = 0.0
 
+    def _opened(self) -> SocketLine:
+        return SocketLine("i2c")
+
     def pulses_us(self) -> FloatArray:
         """Pulses of the joints, (18,); 0 for servos without."""
-        outputs = np.concatenate([self.chips[address].pulses_us() for address in self._map.addresses])
+        outputs = np.concatenate([self.chips[each].pulses_us() for each in self._settings.addresses])
         pulses: FloatArray = np.nan_to_num(outputs)[self._map.outputs]
         return pulses
 
@@ -200,7 +192,7 @@ class Pca9685Board(SimulatedBoard):
         except struct.error:
             return bytes([errno.EINVAL])
         count = sum(1 + len(message.data) + message.reads for message in messages)
-        self._time.sleep(BITS * count / self._bits_per_s)
+        self._time.sleep(BITS * count / self._baud)
         self.counts["transfers"] += 1
         if self._unplugged or self._random.random() < self._nacks:
             self.counts["refused"] += 1

@@ -1,9 +1,11 @@
 """A servo2040 with the Chica firmware, or its fork, on a pseudo-terminal."""
 
+from typing import Any
+
 import numpy as np
 
 from hexctl.backends.base import LegServos
-from hexctl.backends.pwm.pwm_map import SERVO2040_US, PwmMap
+from hexctl.backends.pwm.pwm_map import PwmMap
 from hexctl.backends.pwm.servo2040 import (
     AMPERES_PER_COUNT,
     COUNTS_PER_V,
@@ -12,6 +14,7 @@ from hexctl.backends.pwm.servo2040 import (
     GET,
     MOST_VALUE,
     NO_CURRENT,
+    PULSES_US,
     RELAY,
     SET,
     STATUS,
@@ -21,13 +24,9 @@ from hexctl.backends.pwm.servo2040 import (
     decoded,
     encoded,
 )
-from hexctl.errors import InputError
 from hexctl.simulators.board_faults import BoardFault
-from hexctl.simulators.simulated_board import PseudoTerminal, SimulatedBoard
+from hexctl.simulators.simulated_board import SimulatedPulseBoard
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState
-
-#: The firmwares.
-FIRMWARES = ("stock", "fork")
 
 #: The supply, in V, and what a servo draws that gives all its torque, in A.
 SUPPLY_V, STALL_A = 7.4, 2.0
@@ -45,31 +44,20 @@ PRESSED, FREE = 1020, 3
 SERVO2040_FAULTS = {"mute": "", "unplug": "", "replug": "", "garble": "SHARE", "trip": "AMPERES"}
 
 
-class Servo2040Board(SimulatedBoard):
-    """A servo2040 on a pseudo-terminal, which moves simulated joints; `firmware` is `stock` or `fork`.
+class Servo2040Board(SimulatedPulseBoard):
+    """A servo2040 on a pseudo-terminal, which moves simulated joints; its model is the firmware.
 
     Attributes:
         pulses_us: last pulses by output, (18,); 0 for none.
         enabled: outputs with pulses once the relay is on, (18,).
     """
 
-    kinds = SERVO2040_FAULTS
+    kinds, models = SERVO2040_FAULTS, ("stock", "fork")
     counted = ("goals", "answers", "garbage", "torn")  # frames of which bytes came too late are torn
 
-    def __init__(
-        self,
-        servos: LegServos,
-        pwm_map: PwmMap,
-        *,
-        firmware: str = "stock",
-        faults: tuple[BoardFault, ...] = (),
-        seed: int = 0,
-    ) -> None:
-        if firmware not in FIRMWARES:
-            raise InputError(f"servos.model: got {firmware}; allowed: {', '.join(FIRMWARES)} with servo2040")
-        self._line = PseudoTerminal()
-        super().__init__(servos, self._line, faults, seed)
-        self._map, self._fork = pwm_map, firmware == "fork"
+    def __init__(self, servos: LegServos, pwm_map: PwmMap, **options: Any) -> None:
+        super().__init__(servos, pwm_map, **options)
+        self._fork = self._model == "fork"
         self.pulses_us: FloatArray = np.zeros(N_JOINTS)
         self.enabled: BoolArray = np.zeros(N_JOINTS, dtype=bool)
         self.relay = False
@@ -122,7 +110,7 @@ class Servo2040Board(SimulatedBoard):
         self.counts["goals"] += start < TOUCH
         for index, value in enumerate(values, start):
             if index < TOUCH:
-                self.pulses_us[index] = np.clip(value, *SERVO2040_US) if value else self.pulses_us[index]
+                self.pulses_us[index] = np.clip(value, *PULSES_US) if value else self.pulses_us[index]
                 self.enabled[index] = value > 0
                 self._staged = True
             elif index == RELAY:

@@ -17,8 +17,9 @@ import numpy as np
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import SPARE_S
 from hexctl.backends.port_thread import OnPort
+from hexctl.backends.pwm.pwm_map import PwmMap
 from hexctl.control.guard import StepLimits
-from hexctl.errors import RobotFaultError
+from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.scratch import scratch_folder
 from hexctl.simulators.board_faults import BoardFault
 from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState
@@ -219,3 +220,45 @@ class SimulatedBoard(RunningBoard):
         before = state.joint_positions_rad if self._sent_rad is None else self._sent_rad
         self._sent_rad = self._limits.apply(wanted, before)
         self._robot.write(JointTargets(self._sent_rad, self._robot.clock.now_s))
+
+
+class SimulatedPulseBoard(SimulatedBoard):
+    """A board of hobby servos; the class of each driver is named by its `PulseBoard`.
+
+    Args:
+        model: one of `models`; the first by default.
+        baud: of its line; its usual one by default.
+    """
+
+    #: Models or firmwares that it can be.
+    models: ClassVar[tuple[str, ...]] = ()
+
+    #: Usual bits per second of its line; 0 for a USB device, which has no speed.
+    usual_baud: ClassVar[int] = 0
+
+    def __init__(
+        self,
+        servos: LegServos,
+        pwm_map: PwmMap,
+        *,
+        model: str | None = None,
+        baud: int | None = None,
+        faults: tuple[BoardFault, ...] = (),
+        seed: int = 0,
+    ) -> None:
+        driver = pwm_map.driver
+        if model is not None and model not in self.models:
+            allowed = ", ".join(self.models) or "none"
+            raise InputError(f"{argument('model')}: got {model}; allowed: {allowed} with {driver}")
+        if baud is not None and not self.usual_baud:
+            raise InputError(
+                f"{argument('baud')}: got {baud} with {driver}, a USB device; allowed: with other buses"
+            )
+        self._line = self._opened()
+        super().__init__(servos, self._line, faults, seed)
+        self._map, self._baud = pwm_map, baud or self.usual_baud
+        self._model = model or next(iter(self.models), None)
+
+    def _opened(self) -> Any:
+        """The line."""
+        return PseudoTerminal()

@@ -14,7 +14,10 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.bus.bus_map import BusMap
 from hexctl.backends.bus.family import find_family
 from hexctl.backends.bus.servos import BusServos
-from hexctl.backends.registry import BackendOptions, make_servos, raw_map_of
+from hexctl.backends.pwm.pulse_board import find_board
+from hexctl.backends.pwm.pwm_map import PwmMap
+from hexctl.backends.pwm.servo2040 import Servo2040Servos
+from hexctl.backends.registry import BackendOptions, has_keeper, make_servos, raw_map_of
 from hexctl.cli import completion
 from hexctl.cli.commands import COMMANDS
 from hexctl.cli.main import app
@@ -23,6 +26,7 @@ from hexctl.doctor.plugin_check import read_plugins
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.robot.loader import load_robot, load_robot_file
 from hexctl.robot.plugins import plugin_names, plugins
+from hexctl.simulators.board_service import BoardService
 from hexctl.simulators.bus_servos import simulated_servos
 from tests.cli.conftest import Call
 from tests.robots import edited_file, put
@@ -106,6 +110,35 @@ def test_a_family_is_a_driver_and_a_backend_by_its_name(install: Install, tmp_pa
             find_family(name)
 
 
+BOARD = """
+from dataclasses import dataclass, replace
+from hexctl.backends.pwm.servo2040 import SERVO2040
+
+BOARD = replace(SERVO2040, name="acme", has_keeper=True)
+"""
+
+
+def test_a_board_of_a_plugin_is_a_driver_a_backend_and_a_simulated_board(
+    install: Install, tmp_path: Path
+) -> None:
+    install(module=BOARD, boards="acme = outside:BOARD\nother = outside:BOARD\nno = outside:replace")
+    assert completion.backends("ac") == ["acme"]
+    file = load_robot_file(edited_file(tmp_path, put("servos", {"driver": "acme", "port": "/dev/ttyACM7"})))
+    assert "outside" not in sys.modules, "a robot file imports no plug-in"
+    pwm_map = raw_map_of(file)
+    assert isinstance(pwm_map, PwmMap)
+    assert pwm_map.driver == "acme"
+    made = make_servos("acme", BackendOptions(robot=file.robot, robot_file=file))
+    assert isinstance(made, Servo2040Servos)
+    assert has_keeper("acme")
+    report = BoardService(backend="mock", bus="acme").run(lambda: True)
+    assert report["goals"] == 0
+    assert [one.name for one in read_plugins() if one.error] == ["no", "other"]
+    for name in ("other", "no"):
+        with pytest.raises(InputError, match=rf"driver: {name} of outside 1\.2 "):
+            find_board(name)
+
+
 def test_each_door_takes_a_plugin_by_its_name(install: Install) -> None:
     install(
         servos="out = outside:Servos", optimizers="out = outside:Search", recoveries="on = outside:Recovery"
@@ -158,6 +191,7 @@ def test_a_name_of_two_distributions_is_refused_with_both(install: Install) -> N
         ("recoveries", "glide", make_recovery),
         ("servos", "sim", lambda name: make_servos(name, BackendOptions(robot=load_robot("ant")))),
         ("families", "feetech", find_family),
+        ("boards", "servo2040", find_board),
         ("commands", "estop", lambda name: get_command(app).commands[name]),  # type: ignore[attr-defined]
     ],
 )

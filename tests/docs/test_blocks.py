@@ -14,7 +14,7 @@ import yaml
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.bus.bus_map import bus_map_of
-from hexctl.backends.pwm.pwm_map import pwm_map_of
+from hexctl.backends.pwm.pulse_board import pwm_map_of
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
 from hexctl.backends.sim.world import DomainRandomization, World
 from hexctl.cli.main import app, exit_code
@@ -24,6 +24,7 @@ from hexctl.gait.gait import DEFAULT_GAIT, make_gait
 from hexctl.robot.formats.link_frames import BASE_LINK
 from hexctl.robot.loader import load_meshes, load_robot, load_robot_file
 from hexctl.robot.schema import MountSection, RobotSchema
+from hexctl.robot.servos.drivers import BOARDS, FAMILIES, is_board
 from hexctl.testing import LegServosConformance
 from hexctl.types import JOINT_NAMES
 from hexctl.wire.certificates import make_certificates
@@ -73,7 +74,7 @@ def driven_servos(content: dict[str, Any], folder: Path) -> object:
     """Servos on a bus, or on a board that makes pulses."""
     driver = content["servos"]["driver"]
     file = load_robot_file(edited_file(folder, put("servos", content["servos"])))
-    map_of = pwm_map_of if driver in ("servo2040", "pca9685") else bus_map_of
+    map_of = pwm_map_of if is_board(driver) else bus_map_of
     return map_of(file.content.servos, driver)
 
 
@@ -103,7 +104,7 @@ READERS: dict[str, Callable[[Any, Path], object]] = {
     "endpoint": a_link,
     "amcl": ros_parameters,
     "controller_manager": ros_parameters,
-    **dict.fromkeys(("servo2040", "pca9685", "dynamixel", "feetech", "lx16a"), driven_servos),
+    **dict.fromkeys((*FAMILIES, *BOARDS), driven_servos),
     "servos": servos,
 }
 

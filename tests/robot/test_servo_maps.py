@@ -12,7 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hexctl.backends.bus.bus_map import BusMap, bus_map_of
-from hexctl.backends.pwm.pwm_map import PwmMap, pwm_map_of
+from hexctl.backends.pwm.pca9685 import settings_of
+from hexctl.backends.pwm.pulse_board import pwm_map_of
+from hexctl.backends.pwm.pwm_map import PwmMap
 from hexctl.backends.registry import raw_map_of
 from hexctl.errors import InputError
 from hexctl.robot.configs import config_root, read_mapping
@@ -200,10 +202,10 @@ def test_ids_are_outputs_from_0_on_and_touch_inputs_are_those_of_feet() -> None:
 
 
 def test_boards_have_addresses_and_oscillators_of_their_own() -> None:
-    assert pwm("pca9685").addresses == (0x40, 0x41)
-    made = pwm("pca9685", addresses=[0x41, 0x40], oscillator_mhz=26, port=1)
+    assert settings_of(pwm("pca9685")).addresses == (0x40, 0x41)
+    made = settings_of(pwm("pca9685", addresses=[0x41, 0x40], oscillator_mhz=26, port=1))
     assert (made.addresses, made.oscillators_mhz) == ((0x41, 0x40), (26.0, 26.0))
-    assert pwm("pca9685", oscillator_mhz=[24.5, 26]).oscillators_mhz == (24.5, 26.0)
+    assert settings_of(pwm("pca9685", oscillator_mhz=[24.5, 26])).oscillators_mhz == (24.5, 26.0)
     assert ServosSection.model_validate({"port": 1}).port == "1"
 
 
@@ -233,7 +235,8 @@ WRONG_SECTIONS: list[tuple[Any, str]] = [
     ({"driver": "servo2040", "leg1_coxa": {"touch": 1}}, r"servos\.leg1_coxa"),
     ({"driver": "servo2040", "tibia": {"min_us": 400}}, "min_us 400"),
     ({"driver": "pca9685", "leg1_coxa": {"id": 32}}, r"servos\.leg1_coxa\.id"),
-    ({"driver": "pca9685", "leg1_tibia": {"touch": 1}}, "touch 1"),
+    ({"driver": "pca9685", "leg1_tibia": {"touch": 1}}, r"leg1_tibia\.touch: got 1; allowed: no touch"),
+    ({"driver": "pca9685", "board": {"crc": True}}, r"servos\.board: got crc"),
     *(({"addresses": wrong}, r"servos\.addresses") for wrong in ([0x40, 0x40], [0x40, 0x70], [0x40])),
     *(({"oscillator_mhz": wrong}, r"servos\.oscillator_mhz") for wrong in (19, [25, 31])),
     ({"port": True}, r"servos\.port"),

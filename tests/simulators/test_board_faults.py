@@ -8,7 +8,7 @@ import pytest
 from hexctl.backends.bus.families.lx16a import PACKETS
 from hexctl.backends.bus.packets import PROTOCOLS, PacketFormat, PacketStream
 from hexctl.errors import InputError
-from hexctl.robot.servos.drivers import FAMILIES, PWM_DRIVERS
+from hexctl.robot.servos.drivers import BOARDS, FAMILIES
 from hexctl.server.service import ServiceStarted
 from hexctl.simulators.board_faults import BUS_FAULTS, BoardFault, BusFaults, parse_fault
 from hexctl.simulators.board_service import BoardService
@@ -75,7 +75,7 @@ def test_as_many_answers_are_garbled_or_wild_as_was_asked_for(packets: PacketFor
         assert (packet.servo_id, packet.error, len(packet.parameters)) == (7, 28, 2)
 
 
-@pytest.mark.parametrize("driver", [None, *FAMILIES, *PWM_DRIVERS])
+@pytest.mark.parametrize("driver", [None, *FAMILIES, *BOARDS])
 def test_every_driver_has_a_simulated_bus_or_board_that_reports_its_counts(driver: Any) -> None:
     started: list[ServiceStarted] = []
     options: dict[str, Any] = {"pty": True} if driver is None else {"bus": driver}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 from hexctl.backends.serial_ports import SerialAddress
 from hexctl.errors import InputError, argument
 from hexctl.options import RARE, Typed, check_fields
-from hexctl.robot.servos.drivers import BAUD, PWM_DRIVERS, bus_drivers
+from hexctl.robot.servos.drivers import BAUD, bus_drivers, is_board
 
 if TYPE_CHECKING:
     from hexctl.backends.bus.bus_map import BusMap
@@ -98,7 +98,7 @@ class BusOptions:
         return ServosSection() if self.robot is None else load_robot_file(self.robot).content.servos
 
     def _driver(self, section: "ServosSection") -> str:
-        if section.driver in PWM_DRIVERS:
+        if is_board(section.driver):
             raise InputError(
                 f"{argument('robot')}: got {self.robot}, whose hobby servos ({section.driver}) do not "
                 f"answer; allowed: a robot file with {', '.join(bus_drivers())}"

@@ -2,17 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pkgutil import resolve_name
 
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import PacketFormat
 from hexctl.backends.bus.servo import Servo
 from hexctl.backends.bus.servo_bus import ServoBus
 from hexctl.backends.bus.servo_type import ServoType
-from hexctl.errors import InputError, argument
-from hexctl.robot.plugins import find_plugin
-from hexctl.robot.servos.drivers import FAMILIES, bus_drivers
-from hexctl.typed_names import nearest
+from hexctl.errors import InputError
+from hexctl.robot.plugins import find_named
+from hexctl.robot.servos.drivers import FAMILIES
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,16 +60,4 @@ class Family:
 
 def find_family(name: str) -> Family:
     """Family of a driver's name; raises InputError for an unknown one, and for a plug-in without a family."""
-    if name in FAMILIES:
-        found: Family = resolve_name(FAMILIES[name])
-        return found
-    plugin, driver = find_plugin("families", name), argument("driver")
-    if plugin is None:
-        known = bus_drivers()
-        raise InputError(f"{driver}: got {name!r}; allowed: {', '.join(known)}{nearest(name, known)}")
-    loaded = plugin.load()
-    if not isinstance(loaded, Family) or loaded.name != name:
-        named = f" named {loaded.name!r}" if isinstance(loaded, Family) else ""
-        got = f"{plugin} is a {type(loaded).__name__}{named}"
-        raise InputError(f"{driver}: {got}; allowed: a Family named {name!r}")
-    return loaded
+    return find_named("families", name, FAMILIES, Family, "driver")

@@ -8,6 +8,7 @@ After a loss of power MODE1 is 11: asleep, all channels off.
 
 import errno
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -15,7 +16,8 @@ import numpy as np
 
 from hexctl.backends.port_thread import reason_of
 from hexctl.backends.pwm.i2c_socket import I2cSocket
-from hexctl.backends.pwm.pwm_map import PCA9685_CHANNELS, PwmMap
+from hexctl.backends.pwm.pulse_board import PulseBoard
+from hexctl.backends.pwm.pwm_map import BoardSettings, PwmMap
 from hexctl.backends.pwm.servos import BoardReport, BoardThread, PwmServos
 from hexctl.errors import InputError, MissingExtraError, RobotFaultError, argument
 from hexctl.time_source import WALL_TIME, TimeSource
@@ -35,8 +37,8 @@ MODE1_MASK, MODE2_MASK = EXTERNAL | INCREMENT | SLEEP, 0x1C
 #: Bit of the last byte of a channel that switches it off, and of the second one that switches it on for good.
 FULL = 0x10
 
-#: Bytes of a channel.
-WIDTH = 4
+#: Channels of a board, and bytes of a channel.
+PCA9685_CHANNELS, WIDTH = 16, 4
 
 COUNTS = 4096
 
@@ -55,6 +57,26 @@ SILENCE_S = 0.1
 
 #: Pulses that no servo has were not meant for one.
 PLAUSIBLE_US = (100.0, 5000.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pca9685Settings(BoardSettings):
+    """I2C addresses of two boards, and their oscillators in MHz; output 16 is the first of the second one."""
+
+    outputs: int = 2 * PCA9685_CHANNELS
+    addresses: tuple[int, int]
+    oscillators_mhz: tuple[float, float]
+
+    def output_name(self, output: int) -> str:
+        """Name of an output, with the printed channel."""
+        board, channel = divmod(output, PCA9685_CHANNELS)
+        return f"output {output}, channel {channel} at {self.addresses[board]:#x}"
+
+
+def settings_of(pwm_map: PwmMap) -> Pca9685Settings:
+    """The settings in a map of these boards."""
+    assert isinstance(pwm_map.settings, Pca9685Settings)  # noqa: S101  for the type
+    return pwm_map.settings
 
 
 class I2cBus(Protocol):
@@ -205,7 +227,8 @@ class Pca9685:
     ) -> None:
         self._bus, self._time = bus, time
         boards, channels = np.divmod(pwm_map.outputs, PCA9685_CHANNELS)
-        parts = zip(pwm_map.addresses, pwm_map.oscillators_mhz, strict=True)
+        settings = settings_of(pwm_map)
+        parts = zip(settings.addresses, settings.oscillators_mhz, strict=True)
         self._chips = {
             board: Pca9685Chip(bus, address, oscillator_mhz, channels[boards == board], time)
             for board, (address, oscillator_mhz) in enumerate(parts)
@@ -311,17 +334,6 @@ class Pca9685Servos(PwmServos):
 
     _known = False
 
-    @property
-    def holds(self) -> bool:
-        """Whether any servo has pulses."""
-        return bool(self.powered.any())
-
-    @property
-    def powered(self) -> BoolArray:
-        """Which servos have pulses, (18,)."""
-        none: BoolArray = np.zeros(N_JOINTS, dtype=bool)
-        return none if self._thread is None else self._thread.powered.copy()
-
     def _prepared(self) -> BoardThread:
         self._known = False
         thread = super()._prepared()
@@ -364,7 +376,7 @@ def open_i2c(port: str) -> I2cBus:
     return bus
 
 
-def parse_i2c_port(text: str | None) -> str:
+def parse_i2c_port(text: str | None, _baud: int | None = None) -> str:
     """I2C bus of a text such as `1` or `/dev/i2c-1`; raises InputError without one."""
     if not text or not (text.isdecimal() or "/" in text):
         got = "none" if not text else repr(text)
@@ -373,3 +385,15 @@ def parse_i2c_port(text: str | None) -> str:
             "here or as `port` in the section `servos` of the robot file"
         )
     return text
+
+
+PCA9685 = PulseBoard(
+    name="pca9685",
+    servos=Pca9685Servos,
+    settings=lambda section: Pca9685Settings(
+        addresses=section.addresses, oscillators_mhz=section.oscillator_mhz
+    ),
+    parse_port=parse_i2c_port,
+    has_keeper=True,
+    simulated="hexctl.simulators.pca9685_board:Pca9685Board",
+)

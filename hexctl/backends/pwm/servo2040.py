@@ -14,7 +14,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from hexctl.backends.bus.serial_line import SerialLine
-from hexctl.backends.pwm.pwm_map import SERVO2040_US, PwmMap
+from hexctl.backends.pwm.pulse_board import PulseBoard
+from hexctl.backends.pwm.pwm_map import BoardSettings, PwmMap
 from hexctl.backends.pwm.servos import BoardReport, PwmServos
 from hexctl.backends.serial_ports import SerialAddress
 from hexctl.errors import InputError, RobotFaultError, argument
@@ -44,6 +45,12 @@ TRIES = 4
 
 #: Any speed does for a device on USB.
 BAUD = 115_200
+
+#: Shortest and longest pulse; the firmware clips others.
+PULSES_US = (500.0, 2500.0)
+
+#: Touch inputs of the legs: the firmware's L1, L2, L3, then R3, R2, R1.
+USUAL_TOUCHES = (0, 1, 2, 5, 4, 3)
 
 #: Pulse of a servo before its first command.
 UNUSED_US = (0, 1500)
@@ -129,7 +136,7 @@ class Servo2040:
     def write(self, pulses_us: FloatArray, on: BoolArray) -> None:
         """Send the pulses of all joints, (18,), in one frame; 0 switches a servo off."""
         ordered = np.empty(N_JOINTS)
-        ordered[self._map.outputs] = np.where(on, np.clip(np.rint(pulses_us), *SERVO2040_US), 0)
+        ordered[self._map.outputs] = np.where(on, np.clip(np.rint(pulses_us), *PULSES_US), 0)
         self._line.write(set_frame(0, ordered.astype(int).tolist()))
 
     def end(self) -> None:
@@ -211,7 +218,7 @@ class Servo2040Servos(PwmServos):
             raise
 
 
-def parse_servo2040_port(text: str | None) -> str:
+def parse_servo2040_port(text: str | None, _baud: int | None = None) -> str:
     """Serial device of a text such as `/dev/ttyACM0`; raises InputError without one, and with a baud rate."""
     allowed = (
         "the serial device of the servo2040 without a baud rate, such as /dev/ttyACM0, here or as `port` in "
@@ -228,3 +235,15 @@ def _trip(status: int) -> str | None:
     if not status & 1:
         return None
     return f"the board has switched its servos off at {(status >> 1 & 0x3FF) * 0.1:.1f} A"
+
+
+SERVO2040 = PulseBoard(
+    name="servo2040",
+    servos=Servo2040Servos,
+    settings=lambda _: BoardSettings(
+        outputs=N_JOINTS, pulses_us=PULSES_US, touch_inputs=N_LEGS, usual_touches=USUAL_TOUCHES
+    ),
+    parse_port=parse_servo2040_port,
+    has_keeper=False,
+    simulated="hexctl.simulators.servo2040_board:Servo2040Board",
+)

@@ -14,7 +14,7 @@ from hexctl.backends.pwm.pwm_map import PwmMap
 from hexctl.backends.ticked_servos import PortServos
 from hexctl.robot.model import Robot
 from hexctl.time_source import WALL_TIME, TimeSource
-from hexctl.types import JOINTS_PER_LEG, BoolArray, FloatArray, RobotState
+from hexctl.types import JOINTS_PER_LEG, N_JOINTS, BoolArray, FloatArray, RobotState
 
 #: A board without an answer for this long counts as mute.
 MUTE_S = 0.5
@@ -25,13 +25,17 @@ LEG_PAUSE_S = 0.15
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class BoardReport:
-    """Report of a board: `contacts` of the feet, (6,), None without inputs; `fault` if its servos are off."""
+    """Report of a board: `contacts` of the feet, (6,), None without inputs; `fault` if its servos are off.
+
+    `warnings` are other conditions, in few words.
+    """
 
     at_s: float
     contacts: BoolArray | None = None
     voltage_v: float | None = None
     current_a: float | None = None
     fault: str | None = None
+    warnings: tuple[str, ...] = ()
 
 
 class PwmBoard(Protocol):
@@ -164,6 +168,17 @@ class PwmServos(PortServos[PwmMap, BoardThread, PortCounters]):
     ) -> None:
         super().__init__(robot, servo_map=pwm_map, port=port, counters=PortCounters(), clock=clock)
 
+    @property
+    def holds(self) -> bool:
+        """Whether any servo has pulses."""
+        return bool(self.powered.any())
+
+    @property
+    def powered(self) -> BoolArray:
+        """Which servos have pulses, (18,)."""
+        none: BoolArray = np.zeros(N_JOINTS, dtype=bool)
+        return none if self._thread is None else self._thread.powered.copy()
+
     @abstractmethod
     def _open(self) -> PwmBoard:
         """The board; raises RobotFaultError or OSError if there is none."""
@@ -186,7 +201,7 @@ class PwmServos(PortServos[PwmMap, BoardThread, PortCounters]):
         silent_s = max(0.0, self._clock.time.now() - report.at_s)
         age_s = silent_s if thread.gone is not None or silent_s > MUTE_S else 0.0
         if fault is not None:
-            report = BoardReport(at_s=report.at_s)
+            report = BoardReport(at_s=report.at_s, warnings=report.warnings)
         return RobotState(
             np.where(told, told_rad, self._sent_rad),
             stamp_s=max(0.0, self._clock.now_s - age_s),
@@ -198,6 +213,7 @@ class PwmServos(PortServos[PwmMap, BoardThread, PortCounters]):
             battery_v=report.voltage_v,
             low_battery_v=self._map.low_battery_v if thread.on else None,  # else the rail has no power
             current_a=report.current_a,
+            warnings=report.warnings,
         )
 
     def _fault(self, gone: str | None, report: BoardReport) -> str | None:

@@ -185,8 +185,10 @@ def calibration_of(
     return read
 
 
-def check_driver(section: ServosSection, driver: str) -> None:
-    """Raise InputError for a section of another driver."""
+def check_driver(section: ServosSection, driver: str, *, has_keys: bool = False) -> None:
+    """Raise InputError for a section of another driver, and for keys in `board` if the driver has none."""
+    if section.board and not has_keys:
+        raise InputError(f"servos.board: got {', '.join(section.board)}; allowed: no keys with {driver}")
     if section.driver not in (None, driver):
         raise InputError(f"servos.driver: got {section.driver}; allowed: {driver}, with the backend {driver}")
 

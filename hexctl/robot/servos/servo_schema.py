@@ -1,12 +1,12 @@
 """Section `servos` of a robot file: driver, port, and the wiring of each servo."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from hexctl.robot.configs import AngleDeg, Number, Positive, Section, Whole
 from hexctl.robot.servos.drivers import BAUD, SERVO_ID, all_drivers, is_driver
-from hexctl.types import N_JOINTS, N_LEGS
+from hexctl.types import N_JOINTS
 
 
 def _driver(name: str) -> str:
@@ -45,7 +45,7 @@ Direction = Annotated[Number, AfterValidator(_direction)]
 
 ServoId = Annotated[Whole, Field(ge=SERVO_ID.low, le=SERVO_ID.high)]
 Count = Annotated[Whole, Field(ge=0, le=65535)]
-TouchInput = Annotated[Whole, Field(ge=0, lt=N_LEGS)]
+TouchInput = Annotated[Whole, Field(ge=0, le=SERVO_ID.high)]
 #: A number is an I2C bus.
 Port = Annotated[str, BeforeValidator(lambda value: str(value) if type(value) is int else value)]
 #: An address of a PCA9685, without the one at which all answer.
@@ -103,6 +103,7 @@ class ServosSection(Section):
         model: servo model of all joints.
         addresses: I2C addresses of two PCA9685 boards.
         oscillator_mhz: measured oscillators of the boards.
+        board: keys that only the driver of a board has.
         if_computer_dies: whether the robot sits down or holds its pose if `hexctl serve` dies.
         us_per_deg: pulse width per degree.
         centre_us: pulse width at angle zero.
@@ -117,6 +118,7 @@ class ServosSection(Section):
     model: str | None = None
     addresses: Annotated[tuple[I2cAddress, I2cAddress], AfterValidator(_different)] = (0x40, 0x41)
     oscillator_mhz: Annotated[tuple[OscillatorMhz, OscillatorMhz], BeforeValidator(_pair)] = (25.0, 25.0)
+    board: dict[str, Any] = Field(default_factory=dict)
     if_computer_dies: Literal["sit", "hold"] = "sit"
     us_per_deg: Annotated[Number, Field(gt=0, le=1000, allow_inf_nan=False)] = 1000 / 90
     centre_us: PulseUs = 1500

@@ -9,10 +9,11 @@ from hexctl.backends.base import LegServos
 from hexctl.backends.clock import WallClock
 from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.pca9685 import Pca9685Servos
-from hexctl.backends.pwm.pwm_map import PwmMap, pwm_map_of
+from hexctl.backends.pwm.pulse_board import pwm_map_of
+from hexctl.backends.pwm.pwm_map import PwmMap
 from hexctl.backends.pwm.servo2040 import Servo2040Servos
 from hexctl.robot.servos.servo_schema import ServosSection
-from hexctl.simulators.pca9685_board import BITS_PER_S, Pca9685Board
+from hexctl.simulators.pca9685_board import Pca9685Board
 from hexctl.simulators.servo2040_board import Servo2040Board
 from hexctl.testing.family_conformance import running
 from tests.backends.bus.boards import MemoryDevice, faults_of
@@ -28,13 +29,13 @@ def a_map(driver: str = "servo2040", **section: Any) -> PwmMap:
 
 @contextmanager
 def pca9685_board(
-    *faults: str, servos: LegServos | None = None, pwm_map: PwmMap | None = None, bits_per_s: int = BITS_PER_S
+    *faults: str, servos: LegServos | None = None, pwm_map: PwmMap | None = None, baud: int | None = None
 ) -> Iterator[Pca9685Board]:
     """Boards PCA9685 that run meanwhile, of a mock robot unless other servos are given."""
     board = Pca9685Board(
         servos or MockServos(shipped()),
         pwm_map or a_map("pca9685"),
-        bits_per_s=bits_per_s,
+        baud=baud,
         faults=faults_of(Pca9685Board, faults),
     )
     with running(board):
@@ -55,7 +56,7 @@ def memory_servo2040(
     time = FakeTime()
     moved = servos or MockServos(shipped(), clock=WallClock(time=Standing(time)))
     given = faults_of(Servo2040Board, faults)
-    device = MemoryDevice(Servo2040Board(moved, pwm_map or a_map(), firmware=firmware, faults=given), time)
+    device = MemoryDevice(Servo2040Board(moved, pwm_map or a_map(), model=firmware, faults=given), time)
     with (
         patch("hexctl.backends.pwm.servo2040.SerialLine", device.open),
         patch("hexctl.backends.ticked_servos.WallClock", device.time.clock),

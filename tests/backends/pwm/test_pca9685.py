@@ -413,7 +413,7 @@ def _unhealthy(state: RobotState) -> bool:
 
 @pytest.mark.realtime
 def test_transfers_take_no_less_than_their_bits() -> None:
-    with pca9685_board(bits_per_s=10_000) as board:
+    with pca9685_board(baud=10_000) as board:
         bus, began_s = I2cSocket(board.path), time.monotonic()
         byte_of(bus, 0x40, 0)  # four bytes
         assert time.monotonic() - began_s >= 0.0036

@@ -12,7 +12,7 @@ from hexctl.backends.base import CalibratedServos
 from hexctl.backends.bus.bus_map import BusMap, bus_map_of
 from hexctl.backends.mavlink.mavlink_client import MavlinkServos
 from hexctl.backends.mock import MockServos
-from hexctl.backends.pwm.pwm_map import pwm_map_of
+from hexctl.backends.pwm.pulse_board import pwm_map_of
 from hexctl.backends.registry import BackendOptions
 from hexctl.cli.main import exit_code
 from hexctl.control.calibration.operator import CalibrationResult

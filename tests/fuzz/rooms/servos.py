@@ -30,7 +30,7 @@ from hexctl.backends.bus.servo_bus import BusCounters
 from hexctl.backends.bus.tools import bus_of
 from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.i2c_socket import I2cMessage, decode_transaction, encode_transaction
-from hexctl.backends.pwm.pwm_map import pwm_map_of
+from hexctl.backends.pwm.pulse_board import pwm_map_of
 from hexctl.backends.pwm.servo2040 import Servo2040, decoded, encoded, find_reply, get_frame, set_frame
 from hexctl.errors import RobotFaultError
 from hexctl.robot.servos.servo_schema import ServosSection
@@ -363,7 +363,7 @@ class OneRead:
 
 @cache
 def _servo2040(firmware: str) -> Servo2040Board:
-    board = Servo2040Board(MockServos(shipped()), PWM, firmware=firmware)
+    board = Servo2040Board(MockServos(shipped()), PWM, model=firmware)
     board._line.close()
     return board
 
@@ -378,7 +378,7 @@ def read_servo2040_board(data: bytes) -> None:
     for firmware in ("stock", "fork"):
         board = _servo2040(firmware)
         board._data.clear()
-        board._line = OneRead(data)  # type: ignore[assignment]
+        board._line = OneRead(data)
         board._serve(0.0)
         board._serve(0.0)
         assert len(board.pulses_us) == N_JOINTS
