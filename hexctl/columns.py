@@ -26,7 +26,9 @@ Message = Literal["effort", "velocity", "twist", "array"]
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A quantity with a value at each tick; a log keeps truths as 0 or 1, and unknown values as NaN.
+    """A quantity with a value at each tick: the newest measurement, momentary and not clipped.
+
+    Unknown numbers are NaN, and a log keeps truths as 0 or 1. Torques may be means of the control period.
 
     Attributes:
         name: in the log.
@@ -152,16 +154,14 @@ RECORDED = tuple(column for column in COLUMNS if column.entity is not None)
 #: Columns that a robot measures: attributes of `RobotState`.
 SENSED = tuple(column for column in COLUMNS if column.source)
 
-
-def _reading(name: str, entity: str | None, table: str, title: str) -> Column:
-    return _column(name, JOINT_NAMES, table, entity=entity, title=title)
-
-
 #: The numbers of `ServoReadings`; its efforts are not recorded.
-READINGS = (
-    _reading("temperatures_c", "servos/temperatures", "temperature_{}_c", "temperature (C)"),
-    _reading("voltages_v", "servos/voltages", "voltage_{}_v", "voltage (V)"),
-    _reading("currents_a", "servos/currents", "current_{}_a", "current (A)"),
-    _reading("ages_s", "servos/ages", "age_{}_s", "age of the angle (s)"),
-    _reading("efforts", None, "effort_{}", "effort"),
+READINGS = tuple(
+    _column(name, JOINT_NAMES, table, entity=entity, title=title)
+    for name, entity, table, title in (
+        ("temperatures_c", "servos/temperatures", "temperature_{}_c", "temperature (C)"),
+        ("voltages_v", "servos/voltages", "voltage_{}_v", "voltage (V)"),
+        ("currents_a", "servos/currents", "current_{}_a", "current (A)"),
+        ("ages_s", "servos/ages", "age_{}_s", "age of the angle (s)"),
+        ("efforts", None, "effort_{}", "effort"),
+    )
 )

@@ -266,9 +266,9 @@ class RobotState(ArrayFields):
         current_a: of all servos together, or None if unknown.
         stale_joints: joints whose servos have been silent for longer than usual, (18,): their positions and
             torques are older than the stamp; None if there are none.
-        joint_velocities_rad_s: (18,), at the stamp, or None if unknown; simulated without noise.
-        angular_velocity_body_rad_s: of the body, about its own axes, (3,), or None if unknown; simulated
-            without noise.
+        joint_velocities_rad_s: (18,), momentary at the stamp, or None if unknown; simulated without noise.
+        angular_velocity_body_rad_s: of the body, about its own axes, (3,), momentary at the stamp, or None if
+            unknown; simulated without noise.
     """
 
     joint_positions_rad: FloatArray

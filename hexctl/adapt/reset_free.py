@@ -1,5 +1,6 @@
 """A robot that stays connected between trials: preparation, cooling, and walks from its position."""
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -219,7 +220,8 @@ def at_home(spec: SessionSpec, servos: Guard | None) -> SessionSpec:
         return spec
     state = await_ready(servos)
     objective = OBJECTIVES.get(spec.objective)
-    if objective is not None and objective.needs_torques and state.joint_torques_nm is None:
+    total_nm = math.nan if state.joint_torques_nm is None else state.joint_torques_nm.sum()
+    if objective is not None and objective.needs_torques and not math.isfinite(total_nm):
         usable = [name for name, shipped in OBJECTIVES.items() if not shipped.needs_torques]
         raise InputError(
             f"{argument('objective')}: got {spec.objective} with a robot that does not tell its joint "

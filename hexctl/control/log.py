@@ -94,7 +94,8 @@ class TickLog:
         since the walk began (0 before), `phase` in words, `commanded_leg1_coxa_rad` (sent),
         `measured_..._rad`, `torque_..._nm`, `velocity_..._rad_s`, `wanted_..._rad` (before the guard),
         `base_x_m`, `base_qw`, `angular_velocity_x_rad_s`, `contact_leg1`, `suspicion_leg1`,
-        `commanded_forward_m_s`, `late_s` and `work_s`. Unknown values are NaN.
+        `commanded_forward_m_s`, `late_s` and `work_s`. Unknown values are NaN, or NA in the `boolean`
+        columns of contacts.
 
         Raises MissingExtraError without pandas (extra `data`).
         """
@@ -107,7 +108,8 @@ class TickLog:
         if self.walk_from is not None:
             walk_s = np.maximum(0.0, time_s - time_s[self.walk_from])
         values |= {"time_s": time_s - time_s[:1], "walk_s": walk_s}
-        return pandas.DataFrame(frame_columns(values))
+        truths = {name: "boolean" for column in COLUMNS if column.kind is bool for name in column.fields}
+        return pandas.DataFrame(frame_columns(values)).astype(truths)
 
     def rows(self, name: str, start: int, stop: int) -> Any:
         """Rows [start, stop) of a column."""
@@ -283,7 +285,7 @@ class _Active:
 def frame_columns(values: Mapping[str, Any]) -> dict[str, Any]:
     """Columns (T,) of a data frame by name, in the order of `COLUMNS`; missing optional ones are NaN.
 
-    Truths are bools if all of them are known.
+    Truths are masked arrays of bools, so that their type does not depend on what is unknown.
     """
     ticks, frame = len(values["time_s"]), dict[str, Any]()
     for column in COLUMNS:
@@ -294,8 +296,8 @@ def frame_columns(values: Mapping[str, Any]) -> dict[str, Any]:
             each = np.full((ticks, *column.shape), np.nan)
         if column.name == "phase":
             each = np.array(PHASES)[each]
-        if column.kind is bool and np.isfinite(each).all():
-            each = each.astype(bool)
+        if column.kind is bool:
+            each = np.ma.array(each > 0, mask=np.isnan(each))
         frame |= dict(zip(column.fields, each.reshape(ticks, len(column.fields)).T, strict=True))
         if column.name == "time_s":
             frame["walk_s"] = values["walk_s"]

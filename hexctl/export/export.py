@@ -37,7 +37,7 @@ from hexctl.scratch import scratch_folder
 
 
 def trial_columns(trial: RecordedTrial) -> dict[str, Any]:
-    """Columns of a trial by name, (T,) each; NaN, or an empty text, if nothing was recorded."""
+    """Columns of a trial by name, (T,) each; NaN, masked or an empty text if nothing was recorded."""
     ticks = len(trial)
     columns: dict[str, Any] = {"stamp_ns": trial.stamps_ns}
     known = [one.name for one in RECORDED if one.name in trial.sensors]
@@ -86,9 +86,9 @@ def write_parquet(trial: RecordedTrial, path: Path) -> None:
 
 
 def _texts(column: Any) -> list[Any]:
-    if column.dtype.kind == "b":
-        return [int(value) for value in column.tolist()]
-    return ["" if value != value else value for value in column.tolist()]
+    """Values of a column; `csv` leaves None empty."""
+    values = column.astype(int) if column.dtype.kind == "b" else column
+    return [None if value != value else value for value in values.tolist()]
 
 
 #: File suffixes of formats.

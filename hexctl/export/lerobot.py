@@ -1,6 +1,7 @@
 """Recorded trials as a LeRobot dataset (v3) for imitation learning, one episode each."""
 
 import json
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -47,31 +48,42 @@ def write_lerobot(
 ) -> None:
     """Write trials of one robot as a LeRobot dataset into a new folder.
 
-    `action` contains the commanded joint angles, `observation.state` the measured ones, both in rad. Pose and
-    sensors are included if all trials have them throughout; `on_damage` takes others. Frames are evenly
-    spaced, with interpolated values. Raises InputError for trials of several robots, and MissingExtraError
-    without pandas and pyarrow.
+    `action` contains the commanded joint angles, `observation.state` the measured ones, both in rad. Each
+    number of pose and sensors is included if all trials have it throughout; `on_damage` takes others. Frames
+    are evenly spaced, with interpolated values. Raises InputError for trials of several robots, and
+    MissingExtraError without pandas and pyarrow.
     """
     pa, pq, pandas = _libraries()
     robots, texts, episodes, done = set[str](), list[str](), list[dict[str, Any]](), 0
-    seen = set[str]()
+    ever = {name: np.zeros(len(parts), dtype=bool) for name, parts in VECTORS.items()}
+    always = {name: ~known for name, known in ever.items()}
     for number, trial in enumerate(trials):
         robots.add(trial.robot.name)
         texts.append(task_of(trial))
-        seen |= _seen(trial)
-        episodes.append(_frames(trial, number, done, list(dict.fromkeys(texts)).index(texts[-1])))
+        vectors = _vectors(trial)
+        for name, values in vectors.items():
+            ever[name] |= np.isfinite(values).any(axis=0)
+            always[name] &= np.isfinite(values).all(axis=0)
+        episodes.append(_frames(trial, vectors, number, done, list(dict.fromkeys(texts)).index(texts[-1])))
         done += len(episodes[-1]["index"])
         on_progress(number + 1, len(trials))
     if len(robots) != 1:
         raise InputError(f"lerobot: got {len(robots)} robots, {', '.join(sorted(robots))}; allowed: one")
-    names = [name for name in (*VECTORS, *SCALARS) if all(name in columns for columns in episodes)]
-    for name in sorted(seen - {*names}):
-        on_damage(RecordingError(f"{name}, which is not known in all ticks of all recordings"))
+    parts = {name: list(compress(VECTORS[name], known)) for name, known in always.items() if known.any()}
+    names = [*parts, *SCALARS]
+    for columns in episodes:
+        columns.update({name: columns[name][:, always[name]] for name in parts})
+    for name in sorted(VECTORS):
+        if lost := list(compress(VECTORS[name], ever[name] & ~always[name])):
+            of = f" ({', '.join(lost)})" if name in parts else ""
+            on_damage(RecordingError(f"{name}{of}, which is not known in all ticks of all recordings"))
     tasks = list(dict.fromkeys(texts))
     data, episodes_file = folder / DATA.format(chunk_index=0, file_index=0), folder / EPISODES
     for parent in (data.parent, episodes_file.parent):
         parent.mkdir(parents=True)
-    schema = pa.schema([pa.field(name, _arrow_type(pa, name)) for name in names])
+    vector_types = {name: pa.list_(pa.float32(), len(kept)) for name, kept in parts.items()}
+    scalar_types = {name: pa.type_for_alias(kind) for name, kind in SCALARS.items()}
+    schema = pa.schema(vector_types | scalar_types)
     with pq.ParquetWriter(data, schema, compression="zstd") as writer:
         for columns in episodes:
             arrays = [_arrow(pa, columns[field.name], field.type) for field in schema]
@@ -84,7 +96,7 @@ def write_lerobot(
     pandas.DataFrame({"task_index": range(len(tasks))}, index=index).to_parquet(folder / "meta/tasks.parquet")
     stats = {name: _stats(np.concatenate([one[name] for one in episodes])) for name in names}
     _write_json(folder / "meta/stats.json", stats)
-    _write_json(folder / "meta/info.json", _info(robots.pop(), names, len(texts), done, len(tasks)))
+    _write_json(folder / "meta/info.json", _info(robots.pop(), parts, len(texts), done, len(tasks)))
 
 
 def task_of(trial: RecordedTrial) -> str:
@@ -103,25 +115,33 @@ def _libraries() -> tuple[Any, Any, Any]:
     return pa, pq, pandas
 
 
-def _frames(trial: RecordedTrial, number: int, before: int, task: int) -> dict[str, Any]:
-    """Columns of an episode by name; without a pose or a sensor that the trial does not know throughout."""
-    length = round(float(trial.time_s[-1]) * FPS) + 1
-    times_s = np.arange(length) / FPS
-    vectors = {"action": trial.commanded_rad, "observation.state": trial.measured_rad}
-    if trial.posed.all():
-        pose = np.column_stack([trial.base_position_world, trial.base_quaternion_world])
-        vectors["observation.pose"] = pose
-    vectors |= {
-        column.feature: trial.sensors[column.name].values
+def _vectors(trial: RecordedTrial) -> dict[str, FloatArray]:
+    """The `VECTORS` of a trial at its ticks, (T, components), NaN where unknown."""
+    sensors = {
+        column.feature: trial.sensors[column.name].at_every_tick(len(trial))
+        if column.name in trial.sensors
+        else np.full((len(trial), len(column.parts)), np.nan)
         for column in RECORDED
         if column.feature is not None
-        and column.name in trial.sensors
-        and len(trial.sensors[column.name].rows) == len(trial)
     }
+    return {
+        "action": trial.commanded_rad,
+        "observation.state": trial.measured_rad,
+        "observation.pose": np.column_stack([trial.base_position_world, trial.base_quaternion_world]),
+        **sensors,
+    }
+
+
+def _frames(
+    trial: RecordedTrial, vectors: dict[str, FloatArray], number: int, before: int, task: int
+) -> dict[str, Any]:
+    """Columns of an episode by name."""
+    length = round(float(trial.time_s[-1]) * FPS) + 1
+    times_s = np.arange(length) / FPS
     if len(trial) != length or not np.allclose(trial.time_s, times_s, atol=1e-6):
         vectors = {name: _resampled(trial, values, times_s) for name, values in vectors.items()}
         for column in RECORDED:
-            if column.kind is bool and column.feature in vectors:
+            if column.kind is bool and column.feature is not None:
                 vectors[column.feature] = np.round(vectors[column.feature])
     return {
         **{name: values.astype(np.float32) for name, values in vectors.items()},
@@ -133,22 +153,8 @@ def _frames(trial: RecordedTrial, number: int, before: int, task: int) -> dict[s
     }
 
 
-def _seen(trial: RecordedTrial) -> set[str]:
-    """Features that a trial knows in some tick."""
-    pose = {"observation.pose"} if trial.posed.any() else set[str]()
-    return pose | {
-        column.feature for column in RECORDED if column.feature is not None and column.name in trial.sensors
-    }
-
-
 def _resampled(trial: RecordedTrial, values: FloatArray, times_s: FloatArray) -> FloatArray:
     return np.column_stack([np.interp(times_s, trial.time_s, column) for column in values.T])
-
-
-def _arrow_type(pa: Any, name: str) -> Any:
-    if name in VECTORS:
-        return pa.list_(pa.float32(), len(VECTORS[name]))
-    return pa.type_for_alias(SCALARS[name])
 
 
 def _arrow(pa: Any, values: Any, kind: Any) -> Any:
@@ -191,11 +197,9 @@ def _stats(values: FloatArray) -> dict[str, list[float]]:
     }
 
 
-def _info(robot: str, names: list[str], episodes: int, frames: int, tasks: int) -> dict[str, Any]:
+def _info(robot: str, parts: dict[str, list[str]], episodes: int, frames: int, tasks: int) -> dict[str, Any]:
     vectors = {
-        name: {"dtype": "float32", "shape": [len(VECTORS[name])], "names": list(VECTORS[name])}
-        for name in names
-        if name in VECTORS
+        name: {"dtype": "float32", "shape": [len(kept)], "names": kept} for name, kept in parts.items()
     }
     scalars = {name: {"dtype": kind, "shape": [1], "names": None} for name, kind in SCALARS.items()}
     return {

@@ -184,11 +184,9 @@ def _imu(trial: RecordedTrial) -> Iterator[Stamped]:
 
 
 def _sensor(trial: RecordedTrial, column: Column, topic: str) -> Iterator[Stamped]:
-    """Recorded values of a column; truths only when they change."""
-    before: list[float] | None = None
+    """Recorded values of a column; truths, which have no number for unknown ones, only if all are known."""
     for stamp_ns, values in _stamped(trial, trial.sensors.get(column.name)):
-        if column.kind is not bool or values.tolist() != before:
-            before = values.tolist()
+        if column.kind is not bool or np.isfinite(values).all():
             yield stamp_ns, topic, encode_sensor(column, stamp_ns, values)
 
 

@@ -71,7 +71,7 @@ class RecordedTrial(ArrayFields):
         base_position_world: (T, 3) in m, NaN if unknown.
         base_quaternion_world: (T, 4) as w, x, y, z, NaN if unknown.
         leg_conditions: index in `LEG_CONDITIONS`, (T, 6); failed as announced to the walk or simulated.
-        leg_suspicion: evidence against each leg, 1 is an alarm, 6 wide, at 10 Hz.
+        leg_suspicion: evidence against each leg, 1 is an alarm, 6 wide, at 10 Hz, and at ticks above 1.
         sensors: known columns of the log, by name: `foot_contacts` (0 or 1), `joint_velocities_rad_s` and
             `angular_velocity_body_rad_s` at every tick, `joint_torques_nm` and the commanded `velocity_body`
             at 10 Hz.

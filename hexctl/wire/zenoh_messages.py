@@ -242,7 +242,7 @@ _USUAL = ((), ("effort",), ("velocity", "effort"))
 def decode_joints(payload: bytes) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
     """Joint angles like `decode_positions`, torques in N m, and velocities in rad/s, (18,) each.
 
-    Torques and velocities are None unless all are finite. Raises MessageError as `decode_positions` does.
+    Other numbers are NaN unless finite, None if none is. Raises MessageError as `decode_positions` does.
     """
     for more in _USUAL:
         if (numbers := _joint_message(*more).decode(payload)) is not None:
@@ -252,7 +252,8 @@ def decode_joints(payload: bytes) -> tuple[FloatArray, FloatArray | None, FloatA
         found = _decode_any(payload)
     if not np.isfinite(found["position"]).all():
         raise MessageError("joints: got a non-finite angle; allowed: finite angles in rad")
-    known = {name: values for name, values in found.items() if np.isfinite(values).all()}
+    gapped = {name: np.where(np.isfinite(values), values, np.nan) for name, values in found.items()}
+    known = {name: values for name, values in gapped.items() if not np.isnan(values).all()}
     return found["position"], known.get("effort"), known.get("velocity")
 
 
@@ -266,16 +267,11 @@ def decode_command(payload: bytes, attachment: bytes | None) -> tuple[FloatArray
 def _decode_any(payload: bytes) -> dict[str, FloatArray]:
     """Fields of a JointState that have a number for each joint, in leg-major order."""
     message = ros_cdr.decode(ros_cdr.JOINT_STATE, payload)
-    positions = np.asarray(message.position, dtype=float)
-    if positions.shape != (N_JOINTS,) or len(message.name) != N_JOINTS:
-        raise MessageError(
-            f"joints: got {len(message.name)} names and {positions.size} positions; allowed: {N_JOINTS} each"
-        )
-    found = {"position": positions}
-    for name in ("velocity", "effort"):
-        values = np.asarray(getattr(message, name), dtype=float)
-        if values.shape == (N_JOINTS,):
-            found[name] = values
+    every = {name: np.asarray(getattr(message, name), dtype=float) for name in ("position", *_USUAL[-1])}
+    found = {name: values for name, values in every.items() if values.shape == (N_JOINTS,)}
+    if "position" not in found or len(message.name) != N_JOINTS:
+        got = f"{len(message.name)} names and {every['position'].size} positions"
+        raise MessageError(f"joints: got {got}; allowed: {N_JOINTS} each")
     if message.name == _NAMES:
         return found
     order = _order(message.name)

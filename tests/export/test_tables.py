@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import subprocess
 import sys
 from collections import defaultdict
@@ -17,14 +18,18 @@ import yaml
 from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_typestore
 
-from hexctl.columns import RECORDED
+from hexctl.columns import COLUMNS, RECORDED, SPARSE_TICKS
+from hexctl.control.log import TickLog
 from hexctl.control.trace import PHASES
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import HexctlError, InputError
 from hexctl.export.export import trial_columns, write_csv, write_parquet
 from hexctl.export.lerobot import DATA, FPS, QUANTILES, task_of, write_lerobot
 from hexctl.export.mcap import TOPICS, write_mcap
+from hexctl.gait.gait import make_gait
 from hexctl.ik.legs import foot_positions_body
-from hexctl.recording.recorded_trial import RecordedTrial, Samples
+from hexctl.recording.recorded_trial import RecordedTrial, Samples, read_trial
+from hexctl.recording.recording import Recording
 from hexctl.recording.viewer import viewer_binary
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.types import JOINT_NAMES, N_JOINTS, FloatArray
@@ -280,12 +285,105 @@ def test_late_listeners_get_the_model_and_what_is_fixed_and_no_robot_obeys(
 
 def test_contacts_and_events(found: Messages, walk: RecordedTrial) -> None:
     feet = walk.sensors["foot_contacts"].values
-    contacts = dict(zip(walk.stamps_ns.tolist(), feet.tolist(), strict=True))
-    assert len(found["/foot_contacts"]) > 5
-    for time_ns, message in found["/foot_contacts"]:
-        assert [bool(foot) for foot in message.data] == contacts[time_ns]
+    assert [time for time, _ in found["/foot_contacts"]] == walk.stamps_ns.tolist()
+    assert [list(message.data) for _, message in found["/foot_contacts"]] == feet.tolist()
     texts = [message.msg for _, message in found["/rosout"]]
     assert texts == [event.text for event in walk.events]
+
+
+TICKS, PARTLY, WHOLLY = 60, 20, 30
+
+
+def gapped(folder: Path, *, partly: int = PARTLY, wholly: int = WHOLLY) -> tuple[TickLog, RecordedTrial]:
+    """A log of random numbers and its recording: one of each sensor is unknown at a tick, and all at another.
+
+    Foot contacts are only unknown together.
+    """
+    random, log, robot = np.random.default_rng(1), TickLog(), shipped("ant")
+    rows: dict[str, Any] = {
+        one.name: random.uniform(-9, 9, (TICKS, *one.shape)).astype(one.kind) for one in COLUMNS
+    }
+    rows |= {"time_s": np.arange(TICKS) / FPS, "phase": np.full(TICKS, PHASES.index("walk"))}
+    rows |= {"base_quaternion_world": np.tile([0.6, 0.0, 0.0, 0.8], (TICKS, 1))}
+    rows["foot_contacts"] = rows["foot_contacts"].astype(float) * (random.random((TICKS, 6)) < 0.5)
+    for column in RECORDED:
+        rows[column.name][wholly : wholly + 1] = np.nan
+        if column.kind is float:
+            rows[column.name][partly : partly + 1, 1] = np.nan
+    log.extend(rows)
+    with Recording(folder / "a.rrd", robot, TrialPlan(gait=make_gait(robot, "demo")), title="a") as recording:
+        recording.write_block(log, 0, TICKS)
+    return log, read_trial(folder / "a.rrd")
+
+
+def test_files_know_what_the_log_knows(tmp_path: Path) -> None:
+    log, read = gapped(tmp_path)
+    frame = log.to_frame()
+    write_csv(read, tmp_path / "a.csv")
+    write_parquet(read, tmp_path / "a.parquet")
+    assert frame["suspicion_leg1"].max() > 5
+    for table in (pd.read_csv(tmp_path / "a.csv"), pd.read_parquet(tmp_path / "a.parquet")):
+        for column in COLUMNS:
+            ticks = SPARSE_TICKS if column.name == "leg_suspicion" else column.ticks
+            for name in (one for one in column.fields if one in table and one != "phase"):
+                logged, stored = (one[name].astype(float).to_numpy()[::ticks] for one in (frame, table))
+                np.testing.assert_allclose(stored, logged, atol=2e-3, err_msg=name)
+    assert frame["velocity_leg1_femur_rad_s"].isna().sum() == 2
+    assert frame["velocity_leg1_coxa_rad_s"].isna().sum() == 1
+
+
+def test_types_of_columns_do_not_depend_on_what_is_unknown(tmp_path: Path) -> None:
+    schemas, dtypes, texts = [], [], []
+    for name, wholly in (("some", WHOLLY), ("all", TICKS)):
+        (tmp_path / name).mkdir()
+        log, read = gapped(tmp_path / name, wholly=wholly)
+        write_parquet(read, tmp_path / name / "a.parquet")
+        write_csv(read, tmp_path / name / "a.csv")
+        schemas.append(pq.read_schema(tmp_path / name / "a.parquet"))
+        dtypes.append(log.to_frame().dtypes.to_dict())
+        texts.append({row["contact_leg2"] for row in csv.DictReader((tmp_path / name / "a.csv").open())})
+    assert schemas[0] == schemas[1]
+    assert dtypes[0] == dtypes[1]
+    assert texts == [{"0", "1", ""}, {"0", "1"}]
+
+
+def test_messages_are_missing_only_if_unknown(tmp_path: Path) -> None:
+    _, read = gapped(tmp_path)
+    write_mcap(read, tmp_path / "a.mcap")
+    found = decoded(tmp_path / "a.mcap")
+    known = np.delete(read.stamps_ns, WHOLLY).tolist()
+    for topic in ("/foot_contacts", "/joint_velocities", "/imu/data"):
+        assert [time for time, _ in found[topic]] == known, topic
+    unknown = np.isnan(found["/joint_velocities"][PARTLY][1].velocity)
+    assert np.flatnonzero(unknown).tolist() == [1]
+
+
+def test_a_dataset_lacks_only_the_numbers_that_are_unknown(tmp_path: Path) -> None:
+    _, read = gapped(tmp_path, wholly=TICKS)
+    left_out: list[HexctlError] = []
+    write_lerobot([read], tmp_path / "set", lambda *_: None, left_out.append)
+    features = json.loads((tmp_path / "set/meta/info.json").read_text())["features"]
+    name = "observation.joint_velocities"
+    assert features[name]["names"] == [one for one in JOINT_NAMES if one != "leg1_femur"]
+    assert [str(error).split(", which")[0] for error in left_out] == [
+        "observation.angular_velocity (y)",
+        f"{name} (leg1_femur)",
+    ]
+    frames = pd.read_parquet(tmp_path / "set" / DATA.format(chunk_index=0, file_index=0))
+    stored = read.sensors["joint_velocities_rad_s"].values
+    assert np.array_equal(np.stack(frames[name]), np.delete(stored, 1, axis=1).astype(np.float32))
+    assert features["observation.contacts"]["shape"] == [6]
+
+
+def test_topics_have_the_rate_that_the_page_gives(found: Messages, walk: RecordedTrial) -> None:
+    page = (Path(__file__).parents[2] / "docs/reference/recording-formats.md").read_text(encoding="utf-8")
+    table = page.partition("## MCAP")[2].partition("## LeRobot")[0]
+    rates: dict[str, str] = dict(re.findall(r"`(/[\w/]+)`(?: \((.*?)\))?(?=[,| ])", table))
+    assert rates.keys() == TOPICS.keys()
+    counts = {"latched": 1, "": len(walk), "10 Hz": len(walk) // SPARSE_TICKS + 1}
+    for topic, messages in found.items():
+        if rates[topic] in counts and topic != "/recorded/velocity_command":
+            assert len(messages) == counts[rates[topic]], topic
 
 
 NEW_SENSORS = """

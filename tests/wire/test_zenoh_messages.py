@@ -198,7 +198,15 @@ def test_torques_and_velocities_are_those_of_a_ros_joint_state() -> None:
             decode_joints(payload[:end])
 
 
-@pytest.mark.parametrize("efforts", [np.zeros(17), np.full(18, np.nan), np.append(TORQUES[:17], np.inf)])
+@pytest.mark.parametrize("unknown", [np.nan, np.inf])
+def test_torques_and_velocities_are_unknown_joint_by_joint(unknown: float) -> None:
+    sent = np.stack([TORQUES, VELOCITIES])
+    sent[0, 17] = sent[1, 7] = unknown
+    _, *got = decode_joints(encode_positions(POSITIONS, 0, *sent))
+    np.testing.assert_array_equal(got, np.where(np.isfinite(sent), sent, np.nan))
+
+
+@pytest.mark.parametrize("efforts", [np.zeros(17), np.full(18, np.nan), np.full(18, np.inf)])
 def test_efforts_that_are_no_torques_are_unknown(efforts: np.ndarray) -> None:
     payload = joint_state(JOINT_NAMES, POSITIONS, efforts)
     positions, torques, _ = decode_joints(payload)

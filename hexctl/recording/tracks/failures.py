@@ -15,9 +15,6 @@ from hexctl.robot.failure import Failure, in_words, in_words_with_share
 from hexctl.robot.meshes import PartMesh
 from hexctl.types import JOINT_KINDS
 
-#: Evidence is clipped at this many alarms.
-MOST_ALARMS = 3.0
-
 #: Radius of the mark at a leg with a detected failure, in radii of its coxa.
 MARK_SIZE = 1.8
 
@@ -25,11 +22,10 @@ MARK_SIZE = 1.8
 def send_suspicion(block: Block) -> None:
     """Send the evidence against each leg and the alarm level at some ticks, and at every tick above it."""
     ratio = block.column("leg_suspicion")  # (rows, 6)
-    known = np.isfinite(ratio).all(axis=-1)
-    due = np.zeros(len(ratio), dtype=bool)
+    due = (ratio > 1.0).any(axis=-1)
     due[block.sparse()] = True
-    rows = np.flatnonzero(known & (due | (ratio.max(axis=-1) > 1.0)))
-    block.plot(SUSPICION, rows, np.column_stack([np.minimum(ratio[rows], MOST_ALARMS), np.ones(rows.size)]))
+    rows = np.flatnonzero(due & np.isfinite(ratio).any(axis=-1))
+    block.plot(SUSPICION, rows, np.column_stack([ratio[rows], np.ones(rows.size)]))
 
 
 def send_lanes(block: Block) -> None:

@@ -79,22 +79,17 @@ def _send_vectors(block: Block) -> None:
 
 
 def _send_column(column: Column, series: Series, block: Block) -> None:
-    """Send the known rows of a column of the log."""
-    values = block.column(column.name).reshape(-1, len(column.parts))
+    """Send the numbers of a column of the log."""
     rows = block.sparse(column.ticks)
-    rows = rows[np.isfinite(values[rows]).all(axis=-1)]
-    block.plot(series, rows, values[rows])
+    block.plot(series, rows, block.column(column.name)[rows])
 
 
 def _send_servos(block: Block) -> None:
-    """Send the reports of servos, if any; an unknown value leaves a gap."""
+    """Send the reports of servos, if any."""
     readings = block.log.servo_rows.between(block.start, block.stop)
-    for series in SERVOS:
-        known = [(row, getattr(servos, series.source)) for row, servos in readings]
-        known = [(row, values) for row, values in known if np.isfinite(values).any()]
-        if known:
-            values = np.stack([np.where(np.isfinite(values), values, np.nan) for _, values in known])
-            block.plot(series, np.array([row for row, _ in known]) - block.start, values)
+    rows = np.array([row - block.start for row, _ in readings], dtype=np.int64)
+    for series in SERVOS if readings else ():
+        block.plot(series, rows, np.stack([getattr(servos, series.source) for _, servos in readings]))
 
 
 #: Tracks after the legs, in this order.
