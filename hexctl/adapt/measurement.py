@@ -73,6 +73,14 @@ def measured(result: TrialResult, answer: Answer, robot: Robot, plan: TrialPlan)
     )
 
 
+def as_by_tape(result: TrialResult, robot: Robot, plan: TrialPlan) -> TrialResult:
+    """Result of a simulated walk of a robot without a position, whose end a person would measure."""
+    if result.status != "ok" or result.true_path_m is None or "position" in robot.sensors:
+        return result
+    distance_m, signed_m = result.true_path_m[-1].tolist()
+    return measured(result, Answer(word="measured", distance_m=distance_m, signed_m=signed_m), robot, plan)
+
+
 def _path(result: TrialResult, *points_m: tuple[float, float]) -> FloatArray:
     """Path of which some points are known, (T, 2), at the ticks by which a steady walk has come so far."""
     path = np.full((max(1, round(result.duration_s / PERIOD_S)), 2), np.nan)

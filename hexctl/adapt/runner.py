@@ -4,9 +4,11 @@ import re
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from hexctl.adapt.measurement import as_by_tape
 from hexctl.adapt.optimizer import Trim
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import UNWATCHED, SessionSpec
@@ -137,7 +139,8 @@ class TrialRunner:
             self.spec, robot=setting.robot, world=setting.world, failures=(broken,), trial=request.index
         )
         with Guard(make_servos(self.spec.backend, options)) as servos:
-            return self.walk_on(servos, plan, request, stop_when(request.should_stop))
+            by_tape = partial(as_by_tape, robot=servos.robot, plan=plan)
+            return self.walk_on(servos, plan, request, stop_when(request.should_stop), by_tape)
 
     def walk_on(
         self,

@@ -19,7 +19,7 @@ from hexctl.control.scoring.score import ideal_distance_m, progress_floor_m
 from hexctl.control.scoring.uncertainty_store import COMPUTATION, CONFIRM_STEP_S, known_uncertainty
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import check_plan
-from hexctl.errors import InputError
+from hexctl.errors import InputError, argument
 from hexctl.gait.encoding import Slots
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
@@ -118,6 +118,11 @@ def start_note(spec: SessionSpec, setting: Setting) -> str | None:
     if spec.arena_m is not None:
         least_m = progress_floor_m(setting.robot, setting.plan, spec.duration_s)
         return check_radius(spec.arena_m, ideal_m=setting.ideal_m, least_m=least_m)
+    if spec.simulated and not spec.all_sensors and "position" not in setting.robot.sensors:
+        return (
+            f"{setting.robot.name} measures no position: each end is that of the simulation, as with a tape; "
+            f"on the robot {argument('ask')}"
+        )
     if spec.simulated or spec.ask:
         return None
     return (

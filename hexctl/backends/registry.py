@@ -45,6 +45,7 @@ class BackendOptions:
     seed: int = 0
     trial: int = 0
     realtime: bool = False
+    all_sensors: bool = False
     robot_file: RobotFile | None = None
     connect: str | None = None
     port: str | None = None
@@ -271,7 +272,9 @@ def _arguments(own: Any) -> frozenset[str]:
 
 
 BACKENDS: dict[str, Backend] = {
-    "sim": Backend(_sim, frozenset({"world", "failures", "events", "seed", "trial", "realtime"})),
+    "sim": Backend(
+        _sim, frozenset({"world", "failures", "events", "seed", "trial", "realtime", "all_sensors"})
+    ),
     "zenoh": Backend(_zenoh, frozenset({"connect", "credentials", "insecure", "link"})),
     "mavlink": Backend(_mavlink, frozenset({"port", "credentials", "insecure"})),
     **{driver: _driver_backend(driver) for driver in (*FAMILIES, *BOARDS)},

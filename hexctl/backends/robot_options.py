@@ -68,6 +68,13 @@ class ServosOptions:
     In Python texts, Failures and FailureEvents.
     """
 
+    all_sensors: Annotated[bool, RARE] = False
+    """Simulate every sensor, also those that the robot lacks, such as joint angles of hobby servos. (default:
+    those of the robot file)
+
+    Only with sim.
+    """
+
     seed: Annotated[int, SEED, RARE] = 0
     """Seed of everything random, a whole number, {}."""
 

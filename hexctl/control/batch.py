@@ -132,7 +132,7 @@ class SimTrial:
         changes = tuple(change.at_s for change in plan.changes)
         ticks = (world.time_step_s, world.latency_steps)
         walk = (plan.hold, plan.level, plan.feet, plan.straight)
-        return (self.robot.fingerprint, *ticks, *walk, changes)
+        return (self.robot.fingerprint, self.robot.sensors, *ticks, *walk, changes)
 
 
 def run_sim_trial(trial: SimTrial, make_controller: BatchController = planned_walk) -> TrialResult:

@@ -143,7 +143,7 @@ class Preparation:
         pose = first = self._settle()
         true_yaw_rad = self._true_yaw_rad
         if not first.yaw_known or self._stop_requested():
-            return self._start(0.0, self._frame_without_yaw(first), 0.0)
+            return self._start(0.0, self._frame_without_yaw(first), true_yaw_rad)
         turn_rad = turn_needed_rad(robot, plan)
         if abs(turn_rad) > TURN_WITHIN_RAD:
             self._phases.begin("turn")
@@ -206,7 +206,7 @@ class Preparation:
         """The start of the walk; the true yaw is that at the start of the trial."""
         true_position_world = self._trace.true_positions_world[-1]
         true_frame = None
-        if frame is not None and math.isfinite(true_yaw_rad + true_position_world[0]):
+        if math.isfinite(true_yaw_rad + true_position_world[0]):
             heading_rad = true_yaw_rad + self._plan.heading_rad
             true_frame = TrialFrame(true_position_world, heading_rad, self._true_yaw_rad)
         return WalkStart(

@@ -120,6 +120,7 @@ class TrialResult(ArrayFields):
         limited_ticks: ticks in which a steered walk was slowed down to its maximum strokes.
         true_deviation: of a simulated robot from its true line, by its true heading at the start and its true
             positions; None for a real one.
+        true_distance_m: progress along that line; None for a real robot.
         true_path_m: the path along that line, (T, 2); None for a real robot or file. Not compared.
         energy_j: positive mechanical work of the joints over the walk; None without torques.
         cost_of_transport: energy per weight and metre of progress, without unit; None also without progress,
@@ -152,6 +153,7 @@ class TrialResult(ArrayFields):
     hold_lost_s: _Number = 0.0
     limited_ticks: _Count = 0
     true_deviation: Annotated[_Deviation, Field(alias="true_deviation_m")] = None
+    true_distance_m: _Number | None = None
     energy_j: _Number | None = None
     cost_of_transport: _Number | None = None
     tilt_deg: _Number | None = None

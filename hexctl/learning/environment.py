@@ -121,7 +121,9 @@ class HexapodEnvironment(gymnasium.Env[Observation, FloatArray]):
         plan = self._plans[int(draw.integers(len(self._plans)))]
         fails = draw.random() < self._failing
         events = [drawn_failure(draw, self._failures, self._failure_s)] if fails else []
-        servos = SimServos(self._robot, world=world, seed=int(draw.integers(1 << 31)), events=events)
+        servos = SimServos(
+            self._robot, world=world, seed=int(draw.integers(1 << 31)), events=events, all_sensors=True
+        )
         self._episode = _Episode(servos, plan)
         return self._episode.observation, self._episode.info
 

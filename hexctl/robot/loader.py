@@ -17,6 +17,7 @@ from hexctl.robot.meshes import Meshes, read_meshes
 from hexctl.robot.model import Robot, stance
 from hexctl.robot.plausibility import mass_problem, range_problem
 from hexctl.robot.schema import P_GAIN, JointSection, LinkSection, RobotSchema
+from hexctl.robot.sensors import SENSORS
 from hexctl.robot.servos.servo_map import ServoMap, servo_map_of
 from hexctl.robot.yaml_text import with_values, yaml_content
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_LEGS, FloatArray
@@ -89,14 +90,15 @@ def _robot_file(content: dict[str, Any], path: Path) -> RobotFile:
         raise InputError(f"{path}: {error}") from error
 
 
-def load_robot(name_or_path: str | Path = "ant") -> Robot:
+def load_robot(name_or_path: str | Path = "ant", *, all_sensors: bool = False) -> Robot:
     """Robot of a robot file, by shipped name or path.
 
         print(hexctl.load_robot("phantomx").stance_angles_rad)
 
-    Raises what `load_robot_file` raises.
+    With `all_sensors` its simulation measures everything. Raises what `load_robot_file` raises.
     """
-    return load_robot_file(name_or_path).robot
+    robot = load_robot_file(name_or_path).robot
+    return replace(robot, sensors=SENSORS) if all_sensors else robot
 
 
 def load_meshes(name_or_path: str | Path = "ant") -> Meshes:
@@ -135,6 +137,7 @@ def _build(schema: RobotSchema) -> Robot:
             [math.radians(joint.no_load_speed_deg_s or 0.0) for joint in joints]
         ),
         joint_play_rad=_if_any([math.radians(joint.play_deg) for joint in joints]),
+        sensors=schema.measured,
     )
     _check_units(robot)
     _check_stance_limits(robot)

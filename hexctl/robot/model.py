@@ -11,6 +11,7 @@ import numpy as np
 
 from hexctl.errors import InputError, check_type
 from hexctl.robot.schema import Body, GaitDefaults, ServoModel
+from hexctl.robot.sensors import SENSORS, Sensor, in_order
 from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, FloatArray, check_finite, same_value
 
 #: Impedance of dry friction in simulations. With MuJoCo's 0.9 a joint creeps at degrees per second under half
@@ -50,6 +51,7 @@ class Robot(ArrayFields):
         joint_no_load_speed_rad_s: speed at which no torque is left, (18,), or None if torque does not depend
             on speed.
         joint_play_rad: play between servo and joint, from stop to stop, (18,), or None for none.
+        sensors: what the robot measures, and what its simulation does; not part of the fingerprint.
     """
 
     name: str
@@ -75,6 +77,7 @@ class Robot(ArrayFields):
     joint_no_load_speed_rad_s: PerJoint | None = None
     joint_play_rad: PerJoint | None = None
     link_inertias_kg_m2: Annotated[FloatArray, (JOINTS_PER_LEG, 4)] | None = None
+    sensors: tuple[Sensor, ...] = SENSORS
 
     def __post_init__(self) -> None:
         check_type(self.name, str, "robot.name")
@@ -82,6 +85,9 @@ class Robot(ArrayFields):
             check_type(getattr(self, name), float, f"robot.{name}")
         for name, part in (("body", Body), ("servo", ServoModel), ("gait", GaitDefaults)):
             check_type(getattr(self, name), part, f"robot.{name}")
+        if unknown := sorted({*self.sensors} - {*SENSORS}):
+            raise InputError(f"robot.sensors: got {', '.join(unknown)}; allowed: {', '.join(SENSORS)}")
+        object.__setattr__(self, "sensors", in_order(self.sensors))
         check_arrays(self, "robot")
 
     def __repr__(self) -> str:
@@ -96,9 +102,11 @@ class Robot(ArrayFields):
 
     @cached_property
     def fingerprint(self) -> str:
-        """SHA-256 of the description, equal for equal ones; fields at their defaults do not count."""
+        """SHA-256 of the body, equal for equal ones; fields at their defaults do not count."""
         digest = hashlib.sha256()
         for name, value in changed_fields(self):
+            if name == "sensors":
+                continue
             digest.update(value.tobytes() if isinstance(value, np.ndarray) else _text(value).encode())
             if name in _OPTIONAL:
                 digest.update(name.encode())

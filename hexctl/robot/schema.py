@@ -28,8 +28,9 @@ from hexctl.robot.configs import (
     keys_of,
     section_in,
 )
+from hexctl.robot.sensors import SENSORS, Sensor, in_order, usual_sensors
 from hexctl.robot.servos.servo_schema import ServosSection
-from hexctl.types import JOINT_KINDS, N_LEGS
+from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS
 
 Moments = TypeVar("Moments", tuple[float, float, float], tuple[float, float, float, float])
 
@@ -368,6 +369,7 @@ class RobotSchema(Section):
         servo: the simulated servos.
         gait: the default gait.
         servos: the real servos: driver, port, direction and offset.
+        sensors: what the robot measures, and what its simulation does; by default what its servos report.
         meshes: looks in recordings.
         unknown: keys whose values were not measured, such as `body.mass_kg`.
     """
@@ -384,6 +386,7 @@ class RobotSchema(Section):
     servo: ServoModel
     gait: GaitDefaults
     servos: ServosSection = ServosSection()
+    sensors: tuple[Sensor, ...] | None = None
     meshes: MeshesSection = MeshesSection()
     unknown: tuple[str, ...] = ()
 
@@ -398,6 +401,22 @@ class RobotSchema(Section):
             raise ValueError(f"got {P_GAIN} and stiffness_nm_per_rad; allowed: one of them")
         rest = {key: value for key, value in given.items() if key not in _GAIN_KEYS}
         return {**rest, "stiffness_nm_per_rad": gains.p_gain * gains.stiffness_nm_per_rad_per_p_gain}
+
+    @field_validator("sensors")
+    @classmethod
+    def _each_once(cls, sensors: tuple[Sensor, ...] | None) -> tuple[Sensor, ...] | None:
+        if sensors is not None and len(set(sensors)) < len(sensors):
+            raise ValueError(f"got {', '.join(sensors)}; allowed: each of {', '.join(SENSORS)} once")
+        return None if sensors is None else in_order(sensors)
+
+    @property
+    def measured(self) -> tuple[Sensor, ...]:
+        """What the robot measures."""
+        if self.sensors is not None:
+            return self.sensors
+        joints = [getattr(self.servos, name) for name in JOINT_NAMES]
+        foot_switches = any(joint.touch is not None for joint in joints)
+        return usual_sensors(self.servos.driver, foot_switches=foot_switches)
 
     @field_validator("unknown")
     @classmethod

@@ -20,6 +20,8 @@ Attributes:
     tick_us: time per tick in microseconds: `p50`, `p99`, `max`
     realtime_factor: seconds walked per second of computation
     backend: the backend of the walk
+    sensors: what the robot measures, and a simulation simulates
+    sensors_simulated_only: of those, the ones that the robot lacks (`--all-sensors`)
     robot: the robot's name
     world: the simulated world, or null
     seed: the seed

@@ -332,6 +332,8 @@ class Run:
             "ideal_yaw_change_deg": math.degrees(self.plan.turn_rate_rad_s * trial.duration_s),
             **tick_values(self._guard, log, wall_s),
             "backend": self.spec.backend,
+            "sensors": list(self._guard.robot.sensors),
+            "sensors_simulated_only": sorted({*self._guard.robot.sensors} - {*self.robot.sensors}),
             "robot": self.robot.name,
             "world": world_text(self.spec),
             "seed": self.spec.seed,

@@ -128,7 +128,8 @@ class BoardService(ServedOptions):
         """
         from hexctl.server.service import ServiceStarted
 
-        options = self.backend_options()
+        # The protocol of the board decides what of it a controller gets to know.
+        options = replace(self.backend_options(), all_sensors=self.backend == "sim")
         servos = make_servos(self.backend, options)
         make = self._mavlink if self.bus is None else self._simulated
         board, place = make(servos, options)

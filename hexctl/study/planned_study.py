@@ -52,14 +52,14 @@ def planned_study(options: StudyOptions, *, runs: Path | None = None) -> Planned
 
 def _paper(options: StudyOptions, _runs: Path) -> PaperStudy:
     return PaperStudy(
-        robot=load_robot(options.robot or "ant"),
+        robot=load_robot(options.robot or "ant", all_sensors=True),
         world=load_world(options.world or DEFAULT_WORLD),
         **_values(options, StudyPlan),
     )
 
 
 def _transfer(options: StudyOptions, runs: Path) -> TransferPlan:
-    robot = load_robot(options.robot or "ant")
+    robot = load_robot(options.robot or "ant", all_sensors=True)
     return TransferPlan(
         robot=robot,
         family=_family(options.world or UNSEEN),
@@ -89,7 +89,7 @@ def _matrix(options: StudyOptions, _runs: Path) -> MatrixPlan:
     values.pop("failure", None)
     steps_ms = options.time_steps_ms
     cells = cells_of(
-        [load_robot(name) for name in _several(options.robot, ROBOTS)],
+        [load_robot(name, all_sensors=True) for name in _several(options.robot, ROBOTS)],
         {name: load_world(name) for name in _several(options.world, WORLDS)},
         _several(options.failure, FAILURES),
         TIME_STEPS_S if steps_ms is None else [step_ms / 1000 for step_ms in steps_ms],
@@ -115,7 +115,7 @@ def _held_out(
     if options.failure is not None:
         values["failures"] = listed(options.failure)
     return values | {
-        "robots": tuple(load_robot(name) for name in _several(options.robot, ("ant",))),
+        "robots": tuple(load_robot(name, all_sensors=True) for name in _several(options.robot, ("ant",))),
         "families": {name: _family(name) for name in _several(options.world, families)},
     }
 

@@ -235,6 +235,7 @@ SHARED: dict[str, tuple[dict[str, Any], str]] = {
     "world": ({"world": "rough"}, "--world rough"),
     "failed-leg": ({"failed_leg": 3}, "--failed-leg 3"),
     "failure": ({"failed_leg": None, "failure": "5:limp"}, "--failure 5:limp"),
+    "all-sensors": ({"all_sensors": True}, "--all-sensors"),
     "seed": ({"seed": 3}, "--seed 3"),
     "connect": ({"connect": "tcp/robot:7447"}, "--connect tcp/robot:7447"),
     "port": ({"port": "/dev/ttyUSB0"}, "--port /dev/ttyUSB0"),

@@ -17,8 +17,10 @@ from hexctl.backends.registry import BACKENDS
 from hexctl.backends.sim.world import DomainRandomization, World
 from hexctl.control.trial_result import TrialResult
 from hexctl.robot.schema import RobotSchema
+from hexctl.robot.sensors import failures_shown
 from tests.cli.test_options import commands
 from tests.docs.pages import ROOT
+from tests.robots import shipped
 
 sys.path.append(str(ROOT / "docs"))
 
@@ -129,3 +131,15 @@ def test_the_status_of_every_driver_and_kit_is_on_its_page() -> None:
     drivers = BACKENDS.keys() - {"sim", "mock", "zenoh"}
     kits = {path.stem for path in (ROOT / "configs" / "robots").glob("*.yaml")} - {"ant", "pexod"}
     assert rows == drivers | kits
+
+
+def test_the_readme_says_of_each_kit_what_its_sensors_show() -> None:
+    head = "| kit | robot file | servos | detects failures of |"
+    table = (ROOT / "README.md").read_text(encoding="utf-8").split(head)[1].split("\n\n")[0]
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines() if "`" in line
+    ]
+    assert len(rows) >= 5
+    for _, robots, _, shown in rows:
+        for name in robots.replace("`", "").split(", "):
+            assert failures_shown(shipped(name).sensors) == shown

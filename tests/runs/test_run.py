@@ -25,6 +25,7 @@ from hexctl.recording.recorded_trial import read_trial
 from hexctl.robot.failure import Failure, FailureEvent
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
+from hexctl.robot.sensors import SENSORS
 from hexctl.runs.run import Run, run
 from hexctl.runs.run_spec import RunSpec, spec_of
 from hexctl.runs.walk_plan import plan_walk
@@ -51,6 +52,26 @@ def test_names_and_objects_give_the_same_walk(tmp_path: Path, capfd: pytest.Capt
     assert set(recordings) == set(folder.iterdir())
     assert all(path.suffix == ".rrd" for path in folder.iterdir())
     assert ["_ant_wave" in str(path) for path in recordings] == [True, False, True]
+
+
+def test_a_simulation_measures_what_the_robot_does_unless_asked_for_more() -> None:
+    plain = run(robot="freenove-big", duration_s=1.5, record=False).outcome
+    assert plain["sensors"] == plain["sensors_simulated_only"] == []
+    assert (plain["distance_m"], plain["hold"], plain["energy_j"]) == (None, "none", None)
+    assert plain["true_distance_m"] > 0
+    more = run(robot="freenove-big", duration_s=1.5, record=False, all_sensors=True).outcome
+    assert set(more["sensors"]) == set(more["sensors_simulated_only"]) == set(SENSORS)
+    assert more["distance_m"] == pytest.approx(more["true_distance_m"])
+    with pytest.raises(InputError, match="all-sensors|all_sensors"):
+        run(robot="freenove-big", backend="mock", all_sensors=True, record=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "noticed"), [("freenove-big", False), ("jethexa", True), ("lukas", True)])
+def test_a_simulated_kit_notices_what_its_servos_show(name: str, noticed: bool) -> None:
+    walk = {"robot": name, "failure": ["5:locked@4"], "duration_s": 9.0, "record": False}
+    assert bool(run(**walk).outcome["noticed"]) == noticed
+    assert [each["leg"] for each in run(**walk, all_sensors=True).outcome["noticed"]][:1] == [5]
 
 
 def test_a_stop_from_the_start_moves_nothing_and_leaves_no_recording(tmp_path: Path) -> None:

@@ -111,6 +111,8 @@ def _read_line(text: bytes) -> _Line:
     spec = (values.get("session") or {}).get("spec") or {}
     if "policy" in spec:  # the former name of `recovery`
         spec["recovery"] = spec.pop("policy")
+    if "robot" in spec:  # a session from before this option measured everything
+        spec.setdefault("all_sensors", True)
     line = _LINE.validate_python({**printable_parts(values), "state": state})
     if line.session is not None and (missing := _SPEC_FIELDS - set(values["session"]["spec"])):
         raise ValueError(f"spec: {min(missing)} is missing")

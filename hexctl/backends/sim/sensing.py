@@ -3,7 +3,7 @@
 import copy
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Self
 
@@ -14,6 +14,7 @@ from hexctl.backends.sim.simulated_failure import FIRST_SPEED
 from hexctl.backends.sim.simulation_model import FIRST_JOINT, TOUCH, Simulation
 from hexctl.backends.sim.world import World
 from hexctl.robot.rotations import components
+from hexctl.robot.sensors import SENSORS, Sensor
 from hexctl.types import N_JOINTS, ArrayFields, BoolArray, FloatArray, RobotState
 
 #: Index of the base's angular velocity in MuJoCo's velocities, about the axes of the base.
@@ -215,6 +216,7 @@ class SensorMemory(ArrayFields):
         servos_now: forces and speeds of the actuators after the last step, leading shape + (18,) each.
         forces_nm: of the actuators in the last steps, as `JointTorques.forces_in` has them.
         asked_rad: targets of the servos, leading shape + (18,); of the actuator model.
+        sent_rad: last targets, leading shape + (18,), which servos without sensors echo.
     """
 
     qpos: FloatArray
@@ -223,13 +225,20 @@ class SensorMemory(ArrayFields):
     servos_now: tuple[FloatArray, FloatArray]
     forces_nm: FloatArray
     asked_rad: FloatArray
+    sent_rad: FloatArray
 
     @classmethod
-    def of(cls, torques: JointTorques, view: Callable[[str], FloatArray], asked_rad: FloatArray) -> Self:
+    def of(
+        cls,
+        torques: JointTorques,
+        view: Callable[[str], FloatArray],
+        asked_rad: FloatArray,
+        sent_rad: FloatArray,
+    ) -> Self:
         """Views from a function that returns those of `MjData` by name."""
         forces_nm, qvel, sensed = torques.forces_in(view("history")), view("qvel"), view("sensordata")
         now = sensed[..., :N_JOINTS], qvel[..., FIRST_SPEED:]
-        return cls(view("qpos"), qvel, sensed[..., TOUCH], now, forces_nm, asked_rad)
+        return cls(view("qpos"), qvel, sensed[..., TOUCH], now, forces_nm, asked_rad, sent_rad)
 
 
 @dataclass(slots=True, eq=False)
@@ -239,7 +248,7 @@ class Sensors:
     Attributes:
         torques: a leg that fails changes it.
         offsets_rad: calibration errors of the joints, (18,).
-        posed: whether a pose is measured: not of a trunk on a stand, which does not follow the legs.
+        measured: sensors that the robot has; a trunk on a stand, which does not follow the legs, has no pose.
         age_s: of a state when it is read.
         steps_after: steps of the physics between the measurement and the end of a tick.
         late: delayed states, the oldest first, which is read; None without delay.
@@ -251,7 +260,7 @@ class Sensors:
     noise: Noise
     faulty_pose: FaultyPose
     pose_loss: Losses
-    posed: bool = True
+    measured: frozenset[str] = frozenset(SENSORS)
     age_s: float = 0.0
     steps_after: int = 0
     late: deque[Snapshot] | None = None
@@ -263,6 +272,7 @@ class Sensors:
         torques: JointTorques,
         offsets_rad: FloatArray,
         *,
+        measured: Collection[Sensor],
         world: World,
         seed: int,
         trial: int,
@@ -270,8 +280,9 @@ class Sensors:
         """Sensors of a robot in a world; seed and trial number determine noise and losses."""
         noise = Noise(world.sensor_noise, seed, trial)
         pose_loss = Losses(world.lost_poses, LOST_POSES, seed, trial)
-        faulty_pose, posed = FaultyPose(world.sensor_faults), not world.on_stand
-        sensors = cls(memory, torques, offsets_rad, noise, faulty_pose, pose_loss, posed)
+        own = frozenset(measured) - ({"imu", "position"} if world.on_stand else set())
+        faulty_pose = FaultyPose(world.sensor_faults)
+        sensors = cls(memory, torques, offsets_rad, noise, faulty_pose, pose_loss, own)
         if world.latency_steps:
             sensors.age_s = world.latency_steps * world.time_step_s
             whole_ticks, sensors.steps_after = divmod(world.latency_steps, world.steps_per_tick)
@@ -312,18 +323,20 @@ class Sensors:
             quaternion = noise.turned(quaternion)
         if not self.faulty_pose.none:
             position, quaternion = self.faulty_pose.seen(position, quaternion, stamp_s)
-        posed = self.posed and not self.pose_loss.lost
+        own, pose_came = self.measured, not self.pose_loss.lost
+        turns = pose_came and not own.isdisjoint({"imu", "position"})
+        echoes = "joint_positions" not in own
         return RobotState(
-            joints,
+            self.memory.sent_rad.copy() if echoes else joints,
             stamp_s,
-            True,
-            position if posed else None,
-            quaternion if posed else None,
-            seen.touch > 0,
+            not echoes,
+            position if pose_came and "position" in own else None,
+            quaternion if turns else None,
+            seen.touch > 0 if "foot_contacts" in own else None,
             self.age_s,
-            joint_torques_nm=seen.torques_nm,
-            joint_velocities_rad_s=seen.qvel[..., FIRST_SPEED:],
-            angular_velocity_body_rad_s=seen.qvel[..., FIRST_TURN:FIRST_SPEED] if self.posed else None,
+            joint_torques_nm=seen.torques_nm if "joint_loads" in own else None,
+            joint_velocities_rad_s=None if echoes else seen.qvel[..., FIRST_SPEED:],
+            angular_velocity_body_rad_s=seen.qvel[..., FIRST_TURN:FIRST_SPEED] if "imu" in own else None,
         )
 
     def _measured(self) -> Snapshot:

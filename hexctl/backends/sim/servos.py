@@ -1,6 +1,7 @@
 """The simulated robot as leg servos, and its clock."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Self
@@ -19,6 +20,7 @@ from hexctl.errors import SimulationDivergedError, check_type
 from hexctl.mujoco_import import mujoco
 from hexctl.robot.failure import Failure, FailureEvent, Failures, checked_failures, drawn_failure
 from hexctl.robot.model import Robot
+from hexctl.robot.sensors import SENSORS
 from hexctl.types import JointTargets, RobotState
 
 
@@ -77,6 +79,7 @@ class SimServos(OwnServos):
         facing_rad: initial yaw.
         realtime: pace the clock with wall time; otherwise the physics runs as fast as it can.
         events: scheduled failures and healings, counted from `walk_begins`, besides those of the world.
+        all_sensors: simulate every sensor, also those that the robot lacks.
     """
 
     def __init__(
@@ -90,8 +93,12 @@ class SimServos(OwnServos):
         facing_rad: float = 0.0,
         realtime: bool = False,
         events: Sequence[FailureEvent] = (),
+        all_sensors: bool = False,
     ) -> None:
         super().__init__(robot, SimClock(self._step, WallClock() if realtime else None))
+        check_type(all_sensors, bool, "all_sensors")
+        if all_sensors:
+            self._robot = replace(self._robot, sensors=SENSORS)
         self.world = as_world(world)
         broken = checked_failures(failures, "failures")
         check_type(seed, int, "seed")
@@ -146,10 +153,12 @@ class SimServos(OwnServos):
         self._waiting_rad = waiting_commands(compiled.physics.model, data.history)
         self.actuators.hold(self._waiting_rad)
         torques = JointTorques.of(compiled)
+        self.sent_rad = self._robot.stance_angles_rad.copy()
         self.sensors = Sensors.of(
-            SensorMemory.of(torques, partial(getattr, data), self.actuators.asked_rad),
+            SensorMemory.of(torques, partial(getattr, data), self.actuators.asked_rad, self.sent_rad),
             torques,
             compiled.joint_offsets_rad,
+            measured=self._robot.sensors,
             world=self.world,
             seed=self.seed,
             trial=self.trial,
@@ -202,6 +211,7 @@ class SimServos(OwnServos):
         if not self._power.on:
             self._switch_power(on=True)
         positions = targets.joint_positions_rad
+        np.copyto(self.sent_rad, positions)
         plain = self.actuators.plain
         np.copyto(self._ctrl, positions if plain else self.actuators.drive(positions, self.loss.lost))
         return targets

@@ -22,7 +22,7 @@ def batch_layout(servos: SimServos) -> tuple[object, ...]:
     model, world = servos.compiled.physics.model.ptr, servos.world
     sizes = [getattr(model, name) for name in dir(model) if name.startswith("n") and name != "names"]
     counts = tuple(size for size in sizes if isinstance(size, int))
-    return (servos.robot.fingerprint, world.time_step_s, world.latency_steps, *counts)
+    return (servos.robot.fingerprint, servos.robot.sensors, world.time_step_s, world.latency_steps, *counts)
 
 
 class SimBatch:
@@ -110,6 +110,7 @@ class _Copies:
         self.rows, n = rows, rows.stop - rows.start
         self._simulation, self._period_s = servos.compiled, servos.clock.period_s
         self._loss, self._actuators = copy.deepcopy(servos.loss), servos.actuators.copies(n)
+        self._sent_rad = np.tile(servos.sent_rad, (n, 1))
         self._start_index, self._ticks = round(servos.clock.now_s / self._period_s), 0
         physics, row = self._simulation.physics, np.empty(batch.nstate)
         self.models = [physics.model.ptr] * n
@@ -117,7 +118,10 @@ class _Copies:
         mujoco.mj_getState(physics.model.ptr, physics.data.ptr, row, mujoco.mjtState.mjSTATE_INTEGRATION)
         batch.state[rows] = row
         memory = SensorMemory.of(
-            servos.sensors.torques, lambda name: batch.bind(name)[rows], self._actuators.asked_rad
+            servos.sensors.torques,
+            lambda name: batch.bind(name)[rows],
+            self._actuators.asked_rad,
+            self._sent_rad,
         )
         self.sensors = servos.sensors.copies(memory, n)
         self._ctrl, self._to_come = batch.bind("ctrl")[rows], FailuresToCome(servos.events, self._period_s)
@@ -159,12 +163,13 @@ class _Copies:
         return self.sensors.read((self._start_index + self._ticks) * self._period_s)
 
     def drive(self, joint_positions_rad: FloatArray) -> FloatArray:
+        np.copyto(self._sent_rad, joint_positions_rad)
         return self._actuators.drive(joint_positions_rad, self._loss.lost)
 
 
 def _together(states: Sequence[RobotState]) -> RobotState:
     sensed = {column.source: _stacked(column, states) for column in SENSED}
-    return RobotState(stamp_s=states[0].stamp_s, measured=True, age_s=states[0].age_s, **sensed)
+    return RobotState(stamp_s=states[0].stamp_s, measured=states[0].measured, age_s=states[0].age_s, **sensed)
 
 
 def _stacked(column: Column, states: Sequence[RobotState]) -> Any:

@@ -44,6 +44,7 @@ def _heading(report: dict[str, Any]) -> list[str]:
         f"{report['robot']}: {report['mass_kg']:g} kg, stands {report['standing_height_m']:g} m high",
         f"gait slots {slots} at {report['gait']['pace_hz']:g} Hz: "
         f"ideal speed {report['ideal_speed_m_s']:g} m/s",
+        f"detects failures of {report['detects']}",
         *([f"meshes for {', '.join(report['meshes'])}, solids for the rest"] if report["meshes"] else []),
     ]
 
@@ -156,8 +157,11 @@ def _verdict(report: dict[str, Any]) -> list[str]:
 
 def _others(report: dict[str, Any]) -> list[str]:
     """Findings that --verbose adds."""
+    from hexctl.robot.sensors import in_words
+
     spacing = report["least_foot_spacing_m"]
     return [
+        f"sensors: {in_words(report['sensors'])}",
         *_servo_verdicts(report),
         *([f"feet: {spacing:g} m apart or more"] if report["feet_stay_apart"] else []),
         *([_stance(report)] if report["proposed_five_leg_drive"] == report["five_leg_drive"] else []),

@@ -36,6 +36,7 @@ def summary(outcome: dict[str, Any], clear: str | None = CLEAR_COMMAND) -> list[
     failed = f", leg {outcome['failed_leg']} {outcome['failure']}" if outcome["failed_leg"] else ""
     failed += "".join(f", leg {leg} {how}" for leg, how in outcome.get("further_failures", {}).items())
     rows = [
+        *_sensor_rows(outcome),
         ("gait", _gait_text(outcome["gait"])),
         *([("task", task)] if (task := outcome.get("task")) not in (None, PLAIN_TASK) else []),
         *_posture_rows(outcome["gait"]),
@@ -47,6 +48,19 @@ def summary(outcome: dict[str, Any], clear: str | None = CLEAR_COMMAND) -> list[
         *([("recording", outcome["recording"])] if outcome["recording"] else []),
     ]
     return [f"{outcome['robot']} {where}{failed}", label_table(rows), *_next_command(outcome, clear)]
+
+
+def _sensor_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
+    """What a simulated robot measured, if that is not everything, or not what the real one measures."""
+    from hexctl.robot.sensors import SENSORS, in_words
+
+    if outcome["backend"] != "sim":
+        return []
+    if lacking := outcome.get("sensors_simulated_only"):
+        return [("measures", f"everything, also {in_words(lacking)}, which the robot lacks")]
+    own = outcome.get("sensors", SENSORS)
+    echoed = "" if "joint_positions" in own else "; joint angles are those commanded"
+    return [("measures", f"{in_words(own)}{echoed}")] if len(own) < len(SENSORS) else []
 
 
 def _next_command(outcome: dict[str, Any], clear: str | None) -> list[str]:
@@ -224,6 +238,9 @@ def _line_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _unmeasured_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     walked = f"{outcome['duration_s']:.1f} s; its position is not known"
+    if outcome.get("true_distance_m") is not None:
+        side = _side(outcome["true_deviation_m"]["signed"])
+        walked += f" to it; simulated: {outcome['true_distance_m']:.2f} m ahead, {side}"
     return [("walked", walked if outcome["duration_s"] else "it never set out")]
 
 

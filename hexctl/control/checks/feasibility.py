@@ -18,6 +18,7 @@ from hexctl.ik.legs import TOLERANCE_RAD, range_excess_rad, solve_legs
 from hexctl.robot.formats.link_masses import inertia_doubts
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.model import Robot
+from hexctl.robot.sensors import failures_shown
 from hexctl.robot.servos.raw_map import RawMap, joints_beyond, joints_beyond_travel
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.types import JOINT_NAMES, ArrayFields, FloatArray
@@ -169,6 +170,8 @@ class RobotCheck:
             "least_foot_spacing_m": round(demand.least_foot_spacing_m, 4),
             "feet_stay_apart": demand.least_foot_spacing_m > 2 * robot.foot_radius_m,
             "possible": self.possible,
+            "sensors": list(robot.sensors),
+            "detects": failures_shown(robot.sensors),
             "joints": self._joints(),
             "driver": self.driver,
             **self._servos(),

@@ -83,6 +83,7 @@ def score(
         hold_lost_s=_hold_lost_s(hold, duration_s, positions_world, quaternions_world),
         limited_ticks=limited_ticks,
         true_deviation=None if true_path_m is None else _deviation(true_path_m[:, 1]),
+        true_distance_m=None if true_path_m is None else float(true_path_m[-1, 0]),
         true_path_m=true_path_m,
         energy_j=energy_j,
         cost_of_transport=cost_of_transport(robot, energy_j, distance_m if plan.straight else None),

@@ -52,4 +52,8 @@ def _plain(value: object) -> Any:
 
 
 def _array(value: Any) -> Any:
-    return np.array(value, dtype=float) if isinstance(value, list) else value
+    return value if not isinstance(value, list) or _has_texts(value) else np.array(value, dtype=float)
+
+
+def _has_texts(values: list[Any]) -> bool:
+    return all(isinstance(value, str) for value in values)

@@ -34,7 +34,7 @@ def planned_prior(options: PriorOptions, *, runs: Path | None = None) -> Planned
 def _prior(options: PriorOptions, runs: Path) -> Planned:
     family, rotation = options.family or "randomised", options.self_rotation or AUTO_ROTATION
     plan = PriorPlan(
-        robot=load_robot(options.robot),
+        robot=load_robot(options.robot, all_sensors=True),
         family=load_randomization(family),
         worlds=options.worlds or 16,
         legs=tuple(options.legs),
@@ -60,7 +60,7 @@ def _repertoire(options: PriorOptions, runs: Path) -> Planned:
     }
     asked["pair_failures"] = None if options.pairs is None else tuple(options.pairs)
     plan = RepertoirePlan(
-        robot=load_robot(options.robot),
+        robot=load_robot(options.robot, all_sensors=True),
         families={name: load_randomization(name) for name in listed(options.family or "transfer,real")},
         **{name: value for name, value in asked.items() if value is not None},
     )
