@@ -3,6 +3,8 @@
 from collections.abc import Collection
 from typing import Literal, get_args
 
+from hexctl.robot.servos.drivers import bus_drivers
+
 Sensor = Literal["joint_positions", "joint_loads", "foot_contacts", "imu", "position"]
 
 #: Every sensor, in the order of robot files. `joint_positions` are measured angles, not echoed targets,
@@ -23,8 +25,12 @@ _OF_DRIVER: dict[str | None, tuple[Sensor, ...]] = {
 
 def usual_sensors(driver: str | None, *, foot_switches: bool) -> tuple[Sensor, ...]:
     """Sensors of a robot file that states none: those of its servos; all without a driver."""
-    own = _OF_DRIVER.get(driver, ("joint_positions",))
+    own = _OF_DRIVER[driver] if driver in _OF_DRIVER else _of_plugin(driver)
     return in_order({*own, "foot_contacts"}) if foot_switches else own
+
+
+def _of_plugin(driver: str | None) -> tuple[Sensor, ...]:
+    return ("joint_positions",) if driver in bus_drivers() else ()
 
 
 def failures_shown(sensors: Collection[str]) -> str:
