@@ -13,13 +13,16 @@ from hexctl.adapt.best import best_gait
 from hexctl.adapt.prior.prior import load_prior, save_prior
 from hexctl.adapt.prior.samples import ranked_codes
 from hexctl.adapt.sessions.session_tables import flat_rows
+from hexctl.adapt.sessions.store import load_session
 from hexctl.adapt.setting import load_setting
 from hexctl.adapt.space import GaitSpace
 from hexctl.cli.render.session_tables import header_line, walk_line
 from hexctl.control.planning.static_stability import STAND_UP
+from hexctl.control.planning.top_speed import Stride
 from hexctl.control.trial_plan import GaitChange
 from hexctl.errors import InputError
 from hexctl.gait.gait import NAMED_SLOTS
+from hexctl.gait.posture import Posture
 from hexctl.robot.failure import Failure
 from hexctl.runs.run import Run, run
 from hexctl.runs.run_spec import RunSpec
@@ -171,8 +174,26 @@ def test_without_anything_known_the_best_gait_is_refused(
         best_gait(spec(**options), built)
 
 
+@pytest.mark.parametrize("body_raise", [None, 0.03])
+def test_by_a_session_that_searched_strides_the_best_walks_again(
+    body_raise: float | None, tmp_path: Path
+) -> None:
+    stride = Stride(pace_hz=0.9, amplitude=0.07, swing_share=0.4)
+    name = stored_session(tmp_path, 0.03, "strides", stride)
+    session, asked = load_session(name, tmp_path), spec(gait=f"best:{name}", failure=Failure(leg=2))
+    asked = replace(asked, body_raise=body_raise)
+    walked = load_setting(session.spec).plan_for(session.trials[0].slots, stride=stride).gait
+    if body_raise is not None:
+        walked = replace(walked, posture=Posture(body_raise=body_raise))
+    assert plan_walk(best_gait(asked, tmp_path).spec, shipped()).gait == walked
+    later = best_gait(replace(asked, gait="wave", then=(f"{asked.gait}@2",)), tmp_path).spec
+    assert plan_walk(later, shipped()).changes == (GaitChange(gait=walked, at_s=2.0),)
+    slow = best_gait(replace(asked, pace_hz=0.5), tmp_path).spec
+    assert plan_walk(slow, shipped()).gait == replace(walked, pace_hz=0.5)
+
+
 @pytest.mark.slow
-def test_a_session_keeps_the_stride_of_each_trial_and_the_best_walks_again(tmp_path: Path) -> None:
+def test_a_session_keeps_the_stride_of_each_trial(tmp_path: Path) -> None:
     session = adapt(2, objective="speed", budget=2, duration_s=3.0, record=False, folder=tmp_path).session
     first, second = session.trials
     assert first.stride is not None
@@ -180,13 +201,3 @@ def test_a_session_keeps_the_stride_of_each_trial_and_the_best_walks_again(tmp_p
     assert "repeat" not in str(walk_line(session, second))
     assert "score s/m" in header_line(session)
     assert f" {100 * first.stride.amplitude:.1f} %" in str(walk_line(session, first))
-    best = session.best_walk
-    assert best is not None
-    assert best.stride is not None
-    walked = load_setting(session.spec).plan_for(best.slots, stride=best.stride).gait
-    asked = spec(gait=f"best:{session.name}", failure=Failure(leg=2))
-    assert plan_walk(best_gait(asked, tmp_path).spec, shipped()).gait == walked
-    later = best_gait(replace(asked, gait="wave", then=(f"{asked.gait}@2",)), tmp_path).spec
-    assert plan_walk(later, shipped()).changes == (GaitChange(gait=walked, at_s=2.0),)
-    slow = best_gait(replace(asked, pace_hz=0.5), tmp_path).spec
-    assert plan_walk(slow, shipped()).gait.pace_hz == 0.5

@@ -2,9 +2,13 @@
 
 import json
 import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
+from urllib.request import urlopen
 
 import numpy as np
 import pytest
@@ -17,12 +21,12 @@ from hexctl.adapt.sessions.comparison import check_comparable
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.session_tables import ASKED_COLUMNS, flat_rows
-from hexctl.adapt.sessions.session_viewing import make_overview, recordings_of
+from hexctl.adapt.sessions.session_viewing import make_overview, recordings_of, serve_runs
 from hexctl.adapt.sessions.store import FILE_NAME, SessionStore, list_sessions, load_session
 from hexctl.cli.main import exit_code
 from hexctl.control.planning.top_speed import STRIDE
 from hexctl.control.trial_result import TrialResult
-from hexctl.errors import InputError, MissingExtraError
+from hexctl.errors import InputError, MissingExtraError, RecordingError
 from hexctl.recording.sessions.session_overview import make_table
 from hexctl.robot.failure import Failure
 from tests.adapt.walking import SPEC, UNSEEN, Landscape, baseline_record, record, result_of, stored_session
@@ -217,3 +221,33 @@ def test_of_the_recordings_of_a_session_those_that_exist_are_found(tmp_path: Pat
     for name in ("auto.rrd", "trial-2.rrd", "trial-3.rrd"):
         (tmp_path / name).touch()
     assert recordings_of(one, tmp_path) == {"auto": tmp_path / "auto.rrd", 2: tmp_path / "trial-2.rrd"}
+
+
+def test_a_browser_gets_recordings_of_one_name_and_sessions_until_the_viewer_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paths = [tmp_path / folder / "walk.rrd" for folder in ("a", "b")]
+    for path in paths:
+        path.parent.mkdir()
+        path.write_bytes(b"RRF2" + 8 * path.parent.name.encode())
+    name, fetched = stored_session(tmp_path, 0.03), list[bytes]()
+
+    @contextmanager
+    def viewer(_port: int, urls: Sequence[str]) -> Iterator[SimpleNamespace]:
+        for url in urls:
+            with urlopen(url) as answer:  # noqa: S310  loopback
+                fetched.append(answer.read())
+        yield SimpleNamespace(poll=lambda: 9, returncode=9)
+
+    def drawn(path: Path, _: object) -> None:
+        path.parent.mkdir()
+        path.write_bytes(b"RRF2overview")
+
+    viewing = "hexctl.adapt.sessions.session_viewing"
+    monkeypatch.setattr(f"{viewing}.serve_web", viewer)
+    monkeypatch.setattr(f"{viewing}.write_overview_file", drawn)
+    names = [str(paths[0]), name, str(paths[1])]
+    serve_runs(names, tmp_path, on_url=str, stop_requested=lambda: True)
+    assert fetched == [paths[0].read_bytes(), b"RRF2overview", paths[1].read_bytes()]
+    with pytest.raises(RecordingError, match="ended with 9"):
+        serve_runs(names, tmp_path, on_url=str, stop_requested=lambda: False)

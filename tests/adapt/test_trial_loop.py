@@ -22,6 +22,7 @@ from hexctl.adapt.sessions.session_lines import Walk
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import SessionStore, load_session
 from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord
+from hexctl.adapt.setting import budget_note
 from hexctl.adapt.trial_loop import AdaptLoop
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, RecordingError
@@ -90,9 +91,13 @@ def test_it_stops_at_the_target(store: SessionStore) -> None:
 
 
 def test_it_ends_when_every_gait_has_been_tried(store: SessionStore) -> None:
-    session, ended = run(store, replace(SPEC, budget=500))
+    spec = replace(SPEC, budget=500)
+    session, ended = run(store, spec)
     assert ended == "exhausted"
     assert sorted(trial.code for trial in session.trials) == list(range(1, 121))
+    assert "at most 120 are walked" in str(budget_note(spec))
+    for enough in ({"budget": 122, "confirm": 2}, {"count_repeats": True}, {"optimizer": "bayes"}):
+        assert budget_note(replace(spec, **enough)) is None
 
 
 def test_the_best_is_repeated_within_the_budget(store: SessionStore) -> None:

@@ -17,6 +17,7 @@ from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.cli.render.session_summary import closing_parts
+from hexctl.control.planning.top_speed import Stride
 from hexctl.control.trial_result import Deviation, TrialResult
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import NAMED_SLOTS
@@ -94,7 +95,14 @@ def baseline_record(gait: str, result: float | TrialResult, margin_m: float | No
     return BaselineRecord(gait=gait, code=None, slots=(1, 4, 1, 4, 1, 4), **walked(result, margin_m))
 
 
-def stored_session(folder: Path, trial_m: float, optimizer: str = "random", /, **baseline_m: float) -> str:
+def stored_session(
+    folder: Path,
+    trial_m: float,
+    optimizer: str = "random",
+    stride: Stride | None = None,
+    /,
+    **baseline_m: float,
+) -> str:
     """Name of a session of `ant` without leg 2 with one trial, of code 17, and walks of its baseline.
 
     All of them are told by where they end; `auto` is code 42. Which optimizer it had is a name alone.
@@ -107,7 +115,7 @@ def stored_session(folder: Path, trial_m: float, optimizer: str = "random", /, *
         slots = NAMED_SLOTS.get(gait, space.slots_of(42))
         code = 42 if gait == "auto" else None
         store.add(session, BaselineRecord(gait=gait, code=code, slots=slots, **walked(off_m)))
-    trial = TrialRecord(index=1, code=17, slots=space.slots_of(17), **walked(trial_m))
+    trial = TrialRecord(index=1, code=17, slots=space.slots_of(17), stride=stride, **walked(trial_m))
     store.add(session, trial, {})
     return session.name
 

@@ -17,7 +17,7 @@ from hexctl.control.diagnosis.standing_test import (
     probe_targets_rad,
 )
 from hexctl.control.loop import run_controller
-from hexctl.ik.legs import range_excess_rad
+from hexctl.ik.legs import foot_positions_body, range_excess_rad
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.rotations import quaternion_about
 from tests.control.posed import Fault, Faulty
@@ -37,6 +37,8 @@ def test_every_probe_keeps_within_ranges_and_speeds_and_ends_in_the_stance(name:
         if probe in LIFTS:  # each joint of its leg moves enough to be seen
             lifted = targets.reshape(-1, 6, 3)[:, probe.legs[0] - 1]
             assert (np.degrees(np.ptp(lifted, axis=0)) > 10).all()
+            rise_m = np.ptp(foot_positions_body(robot, targets)[:, probe.legs[0] - 1, 2])
+            assert 1.5 < rise_m / (robot.gait.height * robot.size_m) < 3, "in steps of its gait"
     assert sum(probe.duration_s for probe in ALL_PROBES) < 12
 
 

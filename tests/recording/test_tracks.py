@@ -21,6 +21,7 @@ from hexctl.recording import paths, style
 from hexctl.recording.blueprint import make_blueprint
 from hexctl.recording.recording import Recording
 from hexctl.recording.scene import MAX_VERTICES, make_floor_mesh
+from hexctl.robot.failure import Failure
 from hexctl.runs.run import RunResult, run
 from tests.recording.conftest import ReadBack, Trial, make_plan, write
 from tests.robot.meshmaking import glb_box, stl_box
@@ -217,13 +218,13 @@ def test_a_walk_that_watches_no_legs_has_no_lane_of_what_it_noticed(trial: Trial
 
 @pytest.fixture(scope="module")
 def looks(tmp_path_factory: pytest.TempPathFactory) -> ReadBack:
-    """A walk of a robot with a mesh for its trunk, and one that is turned for its tibias."""
+    """A walk without leg 5 of a robot with a mesh for its trunk, and one that is turned for its tibias."""
     folder: Path = tmp_path_factory.mktemp("looks")
     (folder / "trunk.stl").write_bytes(stl_box())
     (folder / "shin.glb").write_bytes(glb_box())
     turned = {"file": "shin.glb", "scale": 0.02, "position_m": [0.0, 0.0, -0.06], "rotation_deg": [0, 0, 90]}
     file = edited_file(folder, put("meshes", {"body": {"file": "trunk.stl"}, "tibia": turned}))
-    run(robot=str(file), duration_s=0.2, record=folder / "a.rrd")
+    run(robot=str(file), failure=Failure(leg=5), duration_s=0.2, record=folder / "a.rrd")
     return ReadBack(folder / "a.rrd")
 
 
@@ -234,6 +235,8 @@ def test_a_mesh_takes_the_place_of_the_solid(looks: ReadBack) -> None:
         path = f"/{paths.link_path(leg, 'tibia')}"
         assert bytes(looks.values(path, "Asset3D:blob")[0][0]) == glb_box()
         assert looks.values(path, "Asset3D:media_type") == [["model/gltf-binary"]]
+        color = FAILED_COLORS["tibia"] if leg == 5 else style.WHITE  # which leaves that of the file
+        assert looks.values(path, "Asset3D:albedo_factor") == [[style.packed(color)]]
         assert not looks.values(path, "Capsules3D:lengths")
     assert looks.values(f"/{paths.link_path(2, 'femur')}", "Capsules3D:lengths"), "without a mesh"
 

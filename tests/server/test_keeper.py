@@ -1,26 +1,29 @@
 """What becomes of a robot on a bus when the process that serves it is killed, or hangs."""
 
+import json
 import os
 import signal
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from hexctl.backends.bus.bus_map import bus_map_of
+from hexctl.backends.bus.bus_map import BusMap, bus_map_of
 from hexctl.backends.bus.tools import scan_bus
 from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.i2c_socket import I2cSocket
 from hexctl.client.stop_client import clear_stop, estop
 from hexctl.control.controllers import sitting_angles_rad
+from hexctl.errors import RobotFaultError
 from hexctl.robot.loader import load_robot_file
-from hexctl.server.keeper import KeeperSpec, take_over, wait_for_the_end
+from hexctl.server.keeper import KeeperSpec, main, take_over, wait_for_the_end
 from hexctl.simulators.register_servos import BusServo
 from hexctl.types import JOINT_NAMES, FloatArray
-from tests.backends.bus.boards import a_map, bus_board
+from tests.backends.bus.boards import MemoryBus, a_map, bus_board, memory_bus
 from tests.backends.mavlink.boards import board
 from tests.backends.pwm.boards import i2c_servos_on, pca9685_board
 from tests.backends.pwm.i2c import byte_of
@@ -74,6 +77,46 @@ def test_a_robot_file_that_is_edited_meanwhile_does_not_keep_it_from_the_servos(
     file.write_text("servos: {", encoding="utf-8")
     assert spec.servos().robot == before
     assert replace(spec, sits=False).servos().robot == before, "of a robot that was stopped"
+
+
+@pytest.mark.parametrize(
+    ("end", "our_parent", "fault", "code", "said"),
+    [
+        (None, True, "", 0, ""),
+        (("gone", False), True, "", 0, "serve gone: the robot sits: True\n"),
+        (("gone", True), True, "", 0, "serve gone: the robot sits: False\n"),
+        (("hangs", False), True, "", 0, "serve hangs: the robot sits: True\n"),
+        (("hangs", False), False, "", 0, "serve hangs: the robot sits: True\n"),
+        (("gone", False), True, "no port", 3, "serve gone, and the keeper failed: no port\n"),
+    ],
+)
+def test_it_says_what_became_of_the_robot_and_kills_only_a_server_that_hangs(
+    end: tuple[str, bool] | None,
+    our_parent: bool,
+    fault: str,
+    code: int,
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def take_over(spec: KeeperSpec) -> str:
+        if fault:
+            raise RobotFaultError(fault)
+        return f"sits: {spec.sits}"
+
+    killed: list[int] = []
+    for name, stand_in in (
+        ("take_over", take_over),
+        ("wait_for_the_end", lambda _: end),
+        ("signal.signal", lambda *_: None),
+        ("os.kill", lambda server, _: killed.append(server)),
+    ):
+        monkeypatch.setattr(f"hexctl.server.keeper.{name}", stand_in)
+    server = os.getppid() if our_parent else 1_000_000
+    words = {"server": server, "backend": "feetech", "robot": "phantomx", "port": "/dev/null", "sits": True}
+    assert main(json.dumps(words)) == code
+    assert capsys.readouterr().err == (f"hexctl: {said}" if said else "")
+    assert killed == [server] * (our_parent and end is not None and end[0] == "hangs")
 
 
 def _goals(folder: Path, device: str) -> FloatArray:
@@ -175,7 +218,20 @@ def keeper(backend: str, robot: object, port: str, *, sits: bool = True) -> Keep
     return KeeperSpec(backend=backend, robot=str(robot), port=port, sits=sits)
 
 
-@pytest.mark.realtime
+@contextmanager
+def found_by_it(
+    bus_map: BusMap, *faults: str, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[tuple[MemoryBus, list[BusServo]]]:
+    """A bus in memory, on whose time a keeper in this process is, and its servos, which have torque."""
+    with memory_bus(bus_map, *faults) as bus:
+        time = SimpleNamespace(monotonic=bus.time.now, sleep=bus.time.sleep)
+        monkeypatch.setattr("hexctl.server.keeper.time", time)
+        servos = [servo for servo in bus.board._servos if isinstance(servo, BusServo)]
+        for servo in servos:
+            servo.write(servo._table.torque.address, b"\1")
+        yield bus, servos
+
+
 @pytest.mark.parametrize(
     ("driver", "model", "fault"),
     [
@@ -183,23 +239,25 @@ def keeper(backend: str, robot: object, port: str, *, sits: bool = True) -> Keep
         ("feetech", "sts3215", "hot:2:femur:69"),
     ],
 )
-def test_it_lets_down_what_it_finds(driver: str, model: str, fault: str | None, tmp_path: Path) -> None:
+def test_it_lets_down_what_it_finds(
+    driver: str, model: str, fault: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """An expired watchdog, a hot servo, and one servo that has lost its torque do not keep it from that."""
     content = {**FITTING, "model": model}
     file = edited_file(tmp_path, put("servos", content), base="phantomx")
     bus_map = bus_map_of(load_robot_file(file).content.servos, driver)
-    with bus_board(bus_map, *([fault] if fault else [])) as bus:
-        for joint, servo in enumerate(bus._servos):
-            assert isinstance(servo, BusServo)
-            servo.write(servo._table.torque.address, bytes([joint != 7]))
-            if driver == "dynamixel":
-                servo.memory[98] = 255
+    faults = [fault] if fault else []
+    with found_by_it(bus_map, *faults, monkeypatch=monkeypatch) as (bus, servos):
+        servos[7].write(servos[7]._table.torque.address, b"\0")
+        for servo in servos if driver == "dynamixel" else ():
+            servo.memory[98] = 255
         done = take_over(keeper(driver, file, bus.path))
         assert done == SAT
-        assert not any(servo.holds for servo in bus._servos)
+        assert not any(servo.holds for servo in servos)
+        end = sitting_angles_rad(load_robot_file(file).robot)
+        np.testing.assert_allclose(bus.robot._positions_rad[8:], end[8:], atol=0.02)
 
 
-@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("tripped", "done"),
     [
@@ -208,24 +266,20 @@ def test_it_lets_down_what_it_finds(driver: str, model: str, fault: str | None, 
     ],
 )
 def test_joints_that_do_not_follow_keep_it_from_sitting_only_where_they_are_many(
-    tripped: tuple[int, ...], done: str, tmp_path: Path
+    tripped: tuple[int, ...], done: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Servos that have tripped stay limp until they restart; the others sit, and are limp afterwards."""
     file = edited_file(tmp_path, put("servos", {**FITTING, "model": "xl430-w250"}), base="phantomx")
     bus_map = bus_map_of(load_robot_file(file).content.servos, "dynamixel")
-    raised = MockServos(load_robot_file(file).robot)
-    with bus_board(bus_map, servos=raised) as bus:
-        for joint, servo in enumerate(bus._servos):
-            assert isinstance(servo, BusServo)
-            servo.write(servo._table.torque.address, b"\1")
-            if joint in tripped:
-                servo.trip()
+    with found_by_it(bus_map, monkeypatch=monkeypatch) as (bus, servos):
+        for joint in tripped:
+            servos[joint].trip()
         # Farther from where they sit.
-        raised._positions_rad += np.isin(np.arange(18), tripped) * np.tile([0.6, -0.6, 0.6], 6)
+        bus.robot._positions_rad += np.isin(np.arange(18), tripped) * np.tile([0.6, -0.6, 0.6], 6)
         said = take_over(keeper("dynamixel", file, bus.path))
         names = ", ".join(JOINT_NAMES[joint].replace("_", " ") for joint in tripped)
         assert said == done.format(f"{names} do not follow")
-        assert sum(servo.holds for servo in bus._servos) == (0 if len(tripped) == 1 else 18 - len(tripped))
+        assert sum(servo.holds for servo in servos) == (0 if len(tripped) == 1 else 18 - len(tripped))
 
 
 @pytest.mark.parametrize("sits", [True, False])

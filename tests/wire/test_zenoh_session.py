@@ -21,8 +21,6 @@ from hexctl.wire.zenoh_session import MAX_MESSAGE_BYTES, open_session
 from tests.server.processes import free_port, wait_until
 from tests.wire.knocking import KEYS, ListeningRobot, answers, knocking, posing_as_robot, tls
 
-pytestmark = pytest.mark.realtime
-
 
 @pytest.fixture(autouse=True)
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -82,6 +80,7 @@ def expired(authority: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> P
     return folder / "controller"
 
 
+@pytest.mark.realtime
 def test_who_knocks_without_a_good_certificate_is_not_let_in(
     robot: ListeningRobot,
     authority: Path,
@@ -110,6 +109,7 @@ def test_who_knocks_without_a_good_certificate_is_not_let_in(
         assert answers(opened, KEYS.lease) == [b"robot"]
 
 
+@pytest.mark.realtime
 def test_only_a_robots_certificate_is_good_for_a_robot(link: Link, authority: Path) -> None:
     for role, trusted in ((Role.CONTROLLER, False), (Role.ROBOT, True)):
         with posing_as_robot(link.endpoint, tls(authority / role.value, "listen")) as posing:
@@ -120,12 +120,14 @@ def test_only_a_robots_certificate_is_good_for_a_robot(link: Link, authority: Pa
                 assert "certificate purpose" in refused(link)
 
 
+@pytest.mark.realtime
 def test_a_certificate_of_another_authority(robot: ListeningRobot, other_authority: Path) -> None:
     assert "same authority" in refused(replace(robot.link, credentials=other_authority))
     assert not robot.heard
     assert let_in(robot.link)
 
 
+@pytest.mark.realtime
 def test_a_robot_under_another_name_than_its_certificates(tmp_path: Path) -> None:
     make_certificates(tmp_path / "keys", hosts=["localhost"], days=1)
     link = Link(endpoint=f"tls/127.0.0.1:{free_port()}", credentials=tmp_path / "keys")
@@ -134,6 +136,7 @@ def test_a_robot_under_another_name_than_its_certificates(tmp_path: Path) -> Non
         assert let_in(replace(link, endpoint=link.endpoint.replace("127.0.0.1", "localhost")))
 
 
+@pytest.mark.realtime
 def test_plain_to_secured_and_secured_to_plain(robot: ListeningRobot, authority: Path) -> None:
     plain = Link(endpoint=robot.link.endpoint.replace("tls/", "tcp/"))
     assert "tls/" in refused(plain)
@@ -145,6 +148,7 @@ def test_plain_to_secured_and_secured_to_plain(robot: ListeningRobot, authority:
         assert let_in(open_one, Role.VIEWER)
 
 
+@pytest.mark.realtime
 def test_where_no_robot_is(authority: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as hung:  # its kernel goes on taking connections
         assert "no answer" in refused(Link(endpoint=f"tcp/127.0.0.1:{hung.getsockname()[1]}"))
@@ -202,6 +206,7 @@ def hearing(session: zenoh.Session, key: str) -> list[bytes]:
     return heard
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("protocol", ["tls", "quic"])
 def test_a_controller_commands_and_a_viewer_only_reads(robot: ListeningRobot) -> None:
     states: list[bytes] = []
@@ -229,6 +234,7 @@ def test_a_controller_commands_and_a_viewer_only_reads(robot: ListeningRobot) ->
     assert not [said for said in robot.heard if said[1] == b"viewer"]
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("protocol", "role", "mode"),
     [
@@ -281,6 +287,7 @@ def test_no_other_peer_publishes_answers_or_listens_in_the_robots_name(
     )
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("protocol", ["tcp", "tls"])
 def test_a_message_that_is_too_long_is_dropped_on_the_way(link: Link) -> None:
     sizes: list[int] = []

@@ -4,7 +4,6 @@ import math
 import os
 import random
 import signal
-import socket
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec
 from hexctl.backends.mavlink.mavlink_client import MavlinkServos
-from hexctl.backends.mavlink.mavlink_transport import StreamPort
+from hexctl.backends.mavlink.mavlink_transport import PortAddress, StreamPort, UdpPort, open_port
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.cli.main import exit_code
 from hexctl.control.guard import Guard
@@ -493,11 +492,46 @@ def test_an_unsigned_port_that_others_reach_must_be_asked_for(tmp_path: Path) ->
     assert made(port=far, credentials=tmp_path)._port == far
 
 
-def test_a_full_serial_port_drops_frames_and_never_waits() -> None:
-    near, far = socket.socketpair()
-    with near, far:
-        port = StreamPort(near.fileno(), lambda: None)
-        assert not os.get_blocking(near.fileno()), "a write would wait without end"
-        while not port.dropped:
-            port.send(bytes(1000), None)
-        assert len(far.recv(100_000)) > 0
+def test_a_full_serial_port_drops_complete_frames_and_never_waits() -> None:
+    """A frame that was cut off goes on once there is room: without its end, the next one is lost too."""
+    far, near = os.pipe()
+    port = StreamPort(near, lambda: os.close(near))
+    assert not os.get_blocking(near), "a write would wait without end"
+    sent = 0
+    while not port.dropped:
+        port.send(bytes([sent]) * 10_000, None)
+        sent += 1
+    got = os.read(far, 1_000_000)
+    assert len(got) % 10_000, "the last one was cut off"
+    port.send(b"z" * 10_000, None)
+    port.close()
+    got += os.read(far, 1_000_000)
+    kept = [*range(sent - 1), ord("z")]
+    assert got == b"".join(bytes([number]) * 10_000 for number in kept)
+    assert port.dropped == 1
+    with pytest.raises(OSError, match="closed"):
+        StreamPort(far, lambda: os.close(far)).receive(0.0)
+    os.close(far)
+
+
+def test_datagrams_are_answered_to_their_sender_and_one_that_nobody_hears_is_a_lost_one() -> None:
+    bound = UdpPort(PortAddress("udpin", "127.0.0.1", 0))
+    number = bound._socket.getsockname()[1]
+    with pytest.raises(RobotFaultError, match="the port mine cannot be opened"):
+        open_port(PortAddress("udpin", "127.0.0.1", number), text="mine")
+    peers = [UdpPort(PortAddress("udpout", "127.0.0.1", number)) for _ in range(2)]
+    for peer in peers:
+        peer.send(b"here", None)
+    (first, to), (second, other) = bound.receive(1.0)
+    assert (first, second) == (b"here", b"here")
+    assert to != other
+    bound.send(b"you", to)
+    assert [peer.receive(0.0) for peer in peers] == [[(b"you", None)], []]
+    assert bound.receive(0.0) == []
+    bound.close()
+    for _ in range(4):
+        peers[0].send(b"still there?", None)
+        assert peers[0].receive(0.0) == []
+    assert [peer.dropped for peer in peers] in ([0, 0], [2, 0], [4, 0])
+    for peer in peers:
+        peer.close()

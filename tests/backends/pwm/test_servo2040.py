@@ -151,6 +151,26 @@ def test_a_single_wrong_voltage_does_not_count(monkeypatch: pytest.MonkeyPatch) 
     assert voltages_v[2:] == pytest.approx([7.4, 7.4, 7.4, 7.3], abs=0.01)
 
 
+def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_one() -> None:
+    class Late(_Line):
+        late = b""
+
+        def discard(self) -> bool:
+            waited, self.late = bool(self.late), b""
+            return waited
+
+        def read(self, deadline_s: float) -> bytes:
+            return self.late + super().read(deadline_s)
+
+    line = Late()
+    board = Servo2040(line, a_map())
+    assert board.poll() is not None
+    line.late = line.written[-1] + encoded([0] * line.written[-1][2])
+    report = board.poll()
+    assert report is not None
+    assert np.array(report.contacts).all(), "none of an earlier moment"
+
+
 def test_a_trip_stops_the_robot_until_its_torque_was_off() -> None:
     with memory_servo2040("trip:12.5@1", firmware="fork") as running, servos_on(running) as servos:
         board = running.board

@@ -1,11 +1,13 @@
 """Zenoh client: conformance over a served robot, plain ROS 2 robots, refusals, leases on a bad link."""
 
 import json
+import socket
 import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,13 +22,16 @@ from hexctl.backends.base import LegServos
 from hexctl.backends.zenoh.subscriber import PLAIN_TAG, LatestValues, StateSubscriber
 from hexctl.backends.zenoh.zenoh_client import LeaseClient, ZenohServos, granted, linked_robot
 from hexctl.control.guard import Guard
-from hexctl.errors import EStopError, HexctlError, InputError, RobotFaultError
+from hexctl.errors import EStopError, HexctlError, RobotFaultError
+from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot
 from hexctl.server.leases import LEASE_S, LeaseManager
 from hexctl.testing.servo_conformance import LegServosConformance
+from hexctl.types import JointTargets, ServoReadings
+from hexctl.wire.description import describe, user_name
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.pose import encode_pose
-from hexctl.wire.zenoh_messages import decode_positions, encode_positions
+from hexctl.wire.zenoh_messages import CommandTag, decode_positions, encode_battery, encode_positions
 from hexctl.wire.zenoh_session import open_session
 from tests.backends.bus.boards import a_map, bus_board
 from tests.backends.fake_time import FakeTime
@@ -114,37 +119,14 @@ def test_no_robot() -> None:
 
 
 @pytest.mark.realtime
-def test_another_robot_is_refused_and_a_neighbours_is_commanded_only_by_its_name(
-    served_mock: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = edited_file(tmp_path, put("mounts", 2, "azimuth_deg", 121))
-    link = Link(endpoint=served_mock.endpoint)
-    with pytest.raises(RobotFaultError, match=r"mount_positions_body\[2\]\[0\]"):
-        ZenohServos(load_robot(path), link=link).connect()
-    by_default = Link(endpoint=served_mock.endpoint, named=False)
-    with ZenohServos(shipped(), link=by_default) as servos:
-        assert servos.identity is not None
-        assert servos.identity.pid == served_mock.process.pid
-    monkeypatch.setattr("hexctl.wire.description.user_name", lambda: "neighbour")
-    with pytest.raises(InputError, match=f"name it: connect {served_mock.endpoint}"):
-        ZenohServos(shipped(), link=by_default).connect()
-    with ZenohServos(shipped(), link=link):
-        pass
-
-
-@pytest.mark.realtime
-def test_a_lease_that_is_lost_and_a_stop_by_another_client_end_the_controller(tmp_path: Path) -> None:
-    """A lease is lost when another client clears a stop before this end has received it."""
-    with served(tmp_path, backend="mock") as robot:
-        with ZenohServos(shipped(), link=Link(endpoint=robot.endpoint)) as servos:
-            assert servos._lease is not None
-            servos._lease._request("release")
-            with pytest.raises(RobotFaultError, match="no longer commands the robot"):
-                until(servos, lambda _: False, write=False)
-        with Guard(ZenohServos(shipped(), link=Link(endpoint=robot.endpoint))) as guard:
-            assert hexctl("estop", "--connect", robot.endpoint).returncode == 0
-            until(guard, lambda _: guard.stopped is not None, write=False)
-            assert guard.stopped == "estop"
+def test_a_stop_by_another_client_ends_the_controller(tmp_path: Path) -> None:
+    with (
+        served(tmp_path, backend="mock") as robot,
+        Guard(ZenohServos(shipped(), link=Link(endpoint=robot.endpoint))) as guard,
+    ):
+        assert hexctl("estop", "--connect", robot.endpoint).returncode == 0
+        until(guard, lambda _: guard.stopped is not None, write=False)
+        assert guard.stopped == "estop"
 
 
 @pytest.mark.realtime
@@ -165,6 +147,34 @@ def test_what_servos_on_a_bus_report_comes_over_the_link(tmp_path: Path) -> None
         assert np.isfinite(np.delete(readings.voltages_v, 12)).all()
         assert readings.ages_s[12] > 0.3
         assert np.delete(readings.ages_s, 12).max() < readings.ages_s[12]
+
+
+@pytest.mark.parametrize(
+    ("plain", "named", "user", "error"),
+    [
+        (False, True, user_name(), r"mount_positions_body\[2\]\[0\]"),
+        (True, True, user_name(), "sends no state"),  # a plain robot describes itself to nobody
+        (False, False, "neighbour", "neighbour on"),
+    ],
+)
+def test_another_robot_is_refused_before_the_lease_is_asked_for(
+    plain: bool, named: bool, user: str, error: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    client, asked = "hexctl.backends.zenoh.zenoh_client", list[str]()
+    path = edited_file(tmp_path, put("mounts", 2, "azimuth_deg", 121 if named else 120))
+    answer = describe(shipped()) | {"status": {"user": user, "host": socket.gethostname()}}
+
+    def answers(_: object, key: str, *__: object, **___: object) -> list[dict[str, Any]]:
+        asked.append(key)
+        return [answer]
+
+    monkeypatch.setattr(f"{client}.open_session", MagicMock())
+    monkeypatch.setattr(f"{client}.ask_until", answers)
+    link, time = Link(endpoint="tcp/127.0.0.1:1", plain=plain, named=named), FakeTime()
+    servos = ZenohServos(load_robot(path), link=link, latest=LatestValues(time), time=time)
+    with pytest.raises(HexctlError, match=error):
+        servos.connect()
+    assert len(asked) == (not plain)
 
 
 GRANTED = {"lease": "0f" * 16, "sequence": 3, "duration_s": 1}
@@ -298,6 +308,118 @@ def test_a_state_is_as_old_as_its_stamp_and_a_late_pose_is_none(plain: bool) -> 
         state = states.newest(time.now_s)
         assert state.age_s == pytest.approx(age_s, abs=0.02)
         assert (state.base_position_world is not None) is posed
+
+
+def test_what_a_robot_reports_arrives_and_what_is_nonsense_is_unknown() -> None:
+    time = FakeTime()
+    latest = LatestValues(time)
+    states = StateSubscriber(KeyMap.of("ant"), latest)
+    contacts, stale, torques = np.arange(6) % 2 == 0, np.arange(18) == 4, np.linspace(0.0, 1.7, 18)
+    tag = replace(
+        PLAIN_TAG, contacts=contacts, stale_joints=stale, measured=False, age_us=20_000,
+        healthy=False, fault="no \x1b power", stopped="estop",
+    ).packed()  # fmt: skip
+    half = np.full(18, 0.5)
+    servos = ServoReadings(ages_s=half, efforts=half, currents_a=half, voltages_v=half, temperatures_c=half)
+    status = {"failures": ["5:limp"], "warnings": ["leg 2: low"], "servos": servos.to_json()}
+    good = {
+        "joint_states": encode_positions(np.arange(18.0), 0, torques, 2 * torques),
+        "status": json.dumps(status).encode(),
+        "battery": encode_battery(12.5, 0.5),
+        "odom": encode_pose(np.ones(3), np.array([1.0, 0.0, 0.0, 0.0])),
+    }
+    for kind, payload in good.items():
+        latest.put(kind, SimpleNamespace(payload=payload, attachment=tag))
+    time.sleep(0.1)
+    told = states.newest(time.now_s)
+    assert (told.measured, told.healthy, told.stopped, told.warnings) == (
+        False,
+        False,
+        "estop",
+        ("leg 2: low",),
+    )
+    assert (told.fault, told.battery_v, told.battery_share) == ("no \\x1b power", 12.5, 0.5)
+    assert (told.age_s, told.stamp_s) == pytest.approx((0.12, time.now_s - 0.1))
+    assert told.servos is not None
+    numbers: tuple[tuple[Any, Any], ...] = (
+        (told.joint_positions_rad, np.arange(18.0)),
+        (told.joint_torques_nm, torques),
+        (told.joint_velocities_rad_s, 2 * torques),
+        (told.foot_contacts, contacts),
+        (told.stale_joints, stale),
+        (told.base_position_world, np.ones(3)),
+        (told.servos.ages_s, half + 0.1),
+    )
+    for got, wanted in numbers:
+        np.testing.assert_allclose(got, wanted)
+    assert states.failures == (Failure(leg=5, kind="limp"),)
+    for kind in ("status", "battery", "odom"):
+        latest.put(kind, SimpleNamespace(payload=b"{", attachment=tag))
+    told = states.newest(time.now_s)
+    assert (told.warnings, told.servos, told.battery_v, told.base_position_world) == ((), None, None, None)
+    assert states.failures is None
+    time.sleep(5.0)
+    with pytest.raises(RobotFaultError, match="silent for 5 s"):
+        states.newest(time.now_s)
+    latest.put("joint_states", SimpleNamespace(payload=b"{", attachment=tag))
+    with pytest.raises(RobotFaultError, match="invalid states"):
+        states.newest(time.now_s)
+
+
+def test_commands_are_numbered_under_the_lease_and_end_soon_after_it_is_lost(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """For a moment a state may still come that says why it is lost."""
+    client, time, asked = "hexctl.backends.zenoh.zenoh_client", FakeTime(), list[dict[str, Any]]()
+    session, arrivals, answer, number = MagicMock(), dict[str, Any](), dict[str, Any](), 4
+
+    def ask(_: object, __: str, content: dict[str, Any], **___: object) -> list[dict[str, Any]]:
+        asked.append(content)
+        return [answer]
+
+    def publisher(*_: object, **__: object) -> MagicMock:
+        arrivals[KeyMap.of("ant").joint_states](state(number))
+        return session
+
+    monkeypatch.setattr(f"{client}.open_session", lambda *_: nullcontext(session))
+    monkeypatch.setattr(f"{client}.ask_until", lambda *_, **__: [describe(shipped()) | granting])
+    monkeypatch.setattr(f"{client}.ask", ask)
+    monkeypatch.setattr("hexctl.backends.zenoh.subscriber.FIRST_STATE_TIMEOUT_S", 0.1)
+    session.declare_subscriber.side_effect = arrivals.__setitem__
+    session.declare_publisher.side_effect = publisher
+    link = Link(endpoint="tcp/127.0.0.1:1")
+    servos = ZenohServos(shipped(), link=link, latest=LatestValues(time), time=time)
+    granting: dict[str, Any] = {"error": "alice commands the robot"}
+    with pytest.raises(RobotFaultError, match="alice"):
+        servos.connect()
+    granting = GRANTED | {"state": 5, "status": {"simulated": {"world": "flat"}}}
+    with pytest.raises(RobotFaultError, match="sends no state"):  # but one of before the lease
+        servos.connect()
+    assert asked.pop()["op"] == "release"
+    asked.clear()
+    number = 7
+    with servos:
+        assert servos.simulated == {"world": "flat"}
+        targets = JointTargets(shipped().stance_angles_rad, 0.0)
+        for sequence in (1, 2):
+            servos.clock.tick()
+            servos.write(targets)
+            (payload,), more = session.put.call_args
+            np.testing.assert_allclose(decode_positions(payload), targets.joint_positions_rad)
+            tag = CommandTag.unpacked(more["attachment"])
+            assert (tag.sequence, tag.lease_id, tag.lease_sequence) == (sequence, b"\x0f" * 16, 3)
+            assert (tag.time_to_live_ms, tag.stamp_ns) == (200, int(1e9 * time.now()))
+        servos.pause_watchdog()
+        assert (asked[-1]["op"], asked[-1]["after"]) == ("rest", 2)
+        answer = {"error": "taken by another"}
+        for _ in range(25):
+            servos.clock.tick()
+            servos.read()
+        for _ in range(15):
+            servos.clock.tick()
+        with pytest.raises(RobotFaultError, match="no longer commands the robot: taken by another"):
+            servos.read()
+    assert {one["op"] for one in asked} == {"rest", "renew"}, "the lease is another client's"
 
 
 def test_of_several_robots_a_viewer_sees_the_first(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -107,12 +107,26 @@ def test_on_uneven_ground_a_leg_that_is_blocked_for_a_step_is_left_alone_and_a_l
     assert 1.0 < cycles < 2.0
 
 
-@pytest.mark.parametrize("efforts", [True, False])
-def test_a_leg_that_is_gone_is_missed_by_its_load(efforts: bool) -> None:
-    ((delay, suspicion),) = _walk(_without_load(2), efforts=efforts)
-    assert suspicion.failure == Failure(leg=2, kind="missing")
+@pytest.mark.parametrize(
+    ("efforts", "sag_deg", "kind", "evidence"),
+    [
+        (True, 0.0, "missing", "support"),
+        (False, 0.0, "missing", "support"),
+        (True, 9.0, "missing", "effort"),
+        (True, 12.0, "limp", "effort"),
+    ],
+)
+def test_a_leg_without_load_is_missing_as_far_as_its_joints_follow(
+    efforts: bool, sag_deg: float, kind: str, evidence: str
+) -> None:
+    def breaks(seen: FloatArray, torques: FloatArray) -> None:
+        seen[leg_slice(1)] -= np.radians(sag_deg)
+        torques[leg_slice(1)] = 0.0
+
+    ((delay, suspicion),) = _walk(breaks, efforts=efforts)
+    assert suspicion.failure == Failure(leg=1, kind=kind)
     assert 0 < delay < 1.5
-    assert suspicion.evidence == "support"
+    assert suspicion.evidence == evidence
 
 
 @pytest.mark.parametrize("joint", [0, 2])

@@ -219,6 +219,9 @@ def test_a_leg_that_two_lost_ones_overload_is_taken_back(legs: tuple[int, int]) 
     assert tuple(failure.leg for failure in walk.known_failures()) == legs
 
 
+PLAN = TrialPlan(gait=make_gait(shipped(), "tripod"))
+
+
 class Accuser:
     """A monitor that accuses one leg at a time."""
 
@@ -232,24 +235,28 @@ class Accuser:
         return lambda *_, **__: None
 
 
+def _accused(walk: MonitoredWalk, leg: int, *, stuck: bool = True, step: int = 0) -> None:
+    """Let a monitor accuse a leg."""
+    walk._monitor = monitor = Accuser()  # type: ignore[assignment]
+    failure = Failure(leg=leg, kind="locked" if stuck else "missing")
+    evidence = "following" if stuck else "effort"
+    monitor.new = np.arange(1, 7) == leg
+    monitor.suspected = Suspicion(failure=failure, step=step, evidence=evidence, ratio=2.0)
+    walk._respond(step)
+
+
 @example([(1, 0, True), (2, 11, False), (3, 16, True), (1, 55, True), (4, 27, True)])
 @given(st.lists(st.tuples(st.integers(1, 6), st.integers(0, 60), st.booleans()), max_size=12))
 def test_accusations_in_any_order_leave_each_leg_believed_once(
     accusations: list[tuple[int, int, bool]],
 ) -> None:
-    plan = TrialPlan(gait=make_gait(shipped(), "tripod"))
-    start = WalkStart(robot=shipped(), plans=(plan,), period_s=0.02)
-    walk, monitor = MonitoredWalk(start, planned_walk(start), WalkOn()), Accuser()
-    walk._monitor, step = monitor, 0  # type: ignore[assignment]
+    start = WalkStart(robot=shipped(), plans=(PLAN,), period_s=0.02)
+    walk, step = MonitoredWalk(start, planned_walk(start), WalkOn()), 0
     for leg, later_steps, stuck in accusations:
         if leg in {failure.leg for failure in walk.known_failures()}:
             continue
         step += later_steps
-        failure = Failure(leg=leg, kind="locked" if stuck else "missing")
-        evidence = "following" if stuck else "effort"
-        monitor.new = np.arange(1, 7) == leg
-        monitor.suspected = Suspicion(failure=failure, step=step, evidence=evidence, ratio=2.0)
-        walk._respond(step)
+        _accused(walk, leg, stuck=stuck, step=step)
         believed = [failure.leg for failure in walk.known_failures()]
         assert len(set(believed)) == len(believed)
 
@@ -319,12 +326,28 @@ class Raises(Recovery):
         raise ValueError("boom")
 
 
-@pytest.mark.slow
-def test_a_recovery_that_fails_stops_the_walk_softly_and_is_named() -> None:
-    result, _ = _walk(_trial("2:limp@3", duration_s=5.0), Raises())
-    assert result.status == "aborted"
-    assert result.stopped is not None
-    assert result.stopped.startswith("leg 2 limp; recovery Raises: ")
+class Forgets(Recovery):
+    """A recovery that returns nothing."""
+
+    def respond(self, *_: object) -> Response:
+        return None  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize(
+    ("recovery", "why"),
+    [
+        (WalkOn(), None),
+        (StopWalking(), "leg 2 locked"),
+        (Raises(), "leg 2 locked; recovery Raises: ValueError: boom"),
+        (Forgets(), "leg 2 locked; recovery Forgets: respond gave None; allowed: a Response"),
+    ],
+)
+def test_it_is_named_why_a_walk_stops(recovery: Recovery, why: str | None) -> None:
+    start = WalkStart(robot=shipped(), plans=(PLAN,), period_s=0.02)
+    walk = MonitoredWalk(start, planned_walk(start), recovery)
+    assert walk.why_stopped() is None
+    _accused(walk, 2)
+    assert walk.why_stopped() == why
 
 
 class OnSecondThought(Recovery):

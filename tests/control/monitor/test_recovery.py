@@ -216,6 +216,23 @@ def test_a_repertoire_is_read_before_the_walk_only(monkeypatch: pytest.MonkeyPat
         assert not other.respond(shipped(), _plan(), 0.0, [STUCK]).stays
 
 
+@pytest.mark.parametrize(("held_hz", "walked_hz"), [((9.0, 0.2), None), ((0.7, 0.2), 0.7), ((), 0.5)])
+def test_without_a_leg_a_fast_walk_has_the_pace_that_the_servos_hold_if_it_is_no_faster_than_before(
+    held_hz: tuple[float, ...], walked_hz: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = replace(shipped(), gait=replace(shipped().gait, pace_hz=0.5))
+    held = lambda _, gait, **__: tuple(replace(gait, pace_hz=pace_hz) for pace_hz in held_hz)  # noqa: E731
+    monkeypatch.setattr(recovery, "fast_gaits", held)
+    fast = make_gait(robot, "tripod", pace_hz=1.2)
+    plan = TrialPlan(gait=fast, hold="line")
+    gait = GlideToStableGait(None).respond(robot, plan, 0.0, [Failure(leg=2)]).gait
+    assert gait is not None
+    if walked_hz is None:
+        assert ideal_speed_m_s(robot, gait, Motion()) == pytest.approx(ideal_speed_m_s(robot, fast, Motion()))
+    else:
+        assert gait.pace_hz == walked_hz
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("legs", "swing_share"), [((2,), 2 / 5), ((1, 2), CRAWL_SWING)])
 def test_a_fast_walk_continues_as_fast_as_the_servos_of_the_other_legs_hold_and_no_faster(

@@ -12,11 +12,14 @@ from hexctl.gait.body_pose import BodyPose, feet_from_body
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.ik.legs import solve_legs
 from hexctl.robot.loader import load_robot
+from hexctl.server.ros.bridge import RosBridge, _Commands
 from hexctl.server.ros.settings import LiveSettings, RosSettings
-from hexctl.server.transport import Arrival
+from hexctl.server.transport import Arrival, Inbox
 from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
+from hexctl.wire.links import Endpoint
 from hexctl.wire.ros.motion_commands import (
+    OFF,
     POSE,
     TWIST,
     TWIST_STAMPED,
@@ -28,7 +31,11 @@ from hexctl.wire.ros.motion_commands import (
     decode_body_pose,
     decode_velocity,
 )
+from hexctl.wire.ros.ros_names import Kind, RosEndpoint, RosNode
+from hexctl.wire.ros.ros_session import Attachment, open_ros_session
+from hexctl.wire.ros.telemetry import encode_trigger_answer
 from hexctl.wire.zenoh_messages import decode_positions, encode_positions
+from tests.backends.fake_time import FakeTime
 from tests.server.bench import Bench, spoiled
 from tests.server.ros.test_settings import wishes
 from tests.wire.ros.test_telemetry import twist
@@ -328,3 +335,71 @@ def test_settings_hold_from_the_next_control_period_on_and_the_gait_changes_in_s
     assert np.abs(np.diff(steps, axis=0)).max() < 0.15, "no jump"
     bench.ticks(50 * 4)
     assert bench.status()["posture"] in ("sitting", "limp")
+
+
+# Messages and requests of ROS clients, on a session without a router
+
+
+ROUTER = "tcp/127.0.0.1:1"
+
+
+def stamped(velocity: FloatArray, stamp_s: float) -> bytes:
+    wanted = ros_cdr.make(
+        TWIST,
+        linear=ros_cdr.point(np.array([velocity[0], velocity[1], 0.0])),
+        angular=ros_cdr.point(np.array([0.0, 0.0, velocity[2]])),
+    )
+    header = ros_cdr.header(round(1e9 * stamp_s))
+    return ros_cdr.encode(ros_cdr.make(TWIST_STAMPED, header=header, twist=wanted))
+
+
+@pytest.mark.parametrize("drive", [False, True])
+def test_any_client_stops_the_robot_and_moves_it_only_with_ros_drive(drive: bool) -> None:
+    time, inbox, stops = FakeTime(), Inbox(), list[str]()
+    bridge = RosBridge(
+        load_robot("ant"), RosNode(), inbox, lambda: stops.append("estop"),
+        router=ROUTER, settings=RosSettings(ros_drive=drive), time=time,
+    )  # fmt: skip
+    gid, stopped = Attachment(1, 0, bytes(16)).packed(), {"stops": 1, "sessions": 0}
+
+    with open_ros_session(Endpoint.parse(ROUTER)) as session:
+        commands = _Commands(session, bridge.node, bridge)
+
+        def put(topic: str, kind: str, payload: bytes, *, attachment: bytes = gid) -> RosCommand | None:
+            endpoint = RosEndpoint(bridge.node, Kind.PUBLISHER, topic, kind, 1)
+            session.put(endpoint.key, payload, attachment=attachment)
+            commands.take()
+            arrival = inbox.take(0.0)
+            return None if arrival is None else arrival.item
+
+        assert put("~/estop", "std_msgs/msg/Empty", b"", attachment=b"") is None
+        assert stops == ["estop"]
+        joints = encode_positions(np.arange(18.0), 0)
+        came = [
+            put("cmd_vel", TWIST, twist(TWIST, FORWARD)),
+            put("robot_joint_command", ros_cdr.JOINT_STATE, joints),
+            put("body_pose", POSE, pose_message(0.1)),
+            put("cmd_vel", TWIST, b"nonsense"),
+        ]
+        for late_s, velocity in ((0.0, FORWARD), (0.4, FORWARD), (0.6, FORWARD), (0.6, 0 * FORWARD)):
+            time.sleep(1.0)
+            came.append(put("cmd_vel", TWIST_STAMPED, stamped(velocity, time.now() - late_s)))
+        kinds = (
+            *(WantedVelocity, WantedJoints, BodyPose, type(None)),
+            *(WantedVelocity, WantedVelocity, type(None), WantedVelocity),
+        )
+        assert [type(one) for one in came] == ([*kinds] if drive else 8 * [type(None)])
+        served = RosEndpoint(bridge.node, Kind.SERVICE, "~/stand", "std_srvs/srv/Trigger", 2)
+        replies = session.get(served.key, payload=b"", attachment=gid)
+        commands.take()
+        called = inbox.take(0.0)
+        if drive:
+            assert called is not None
+            called.item.answer(False, "busy")
+        (reply,) = replies
+        assert reply.ok is not None
+        assert bytes(reply.ok.payload) == encode_trigger_answer(False, "busy" if drive else OFF)
+    stopped |= {"commands": 6, "malformed": 1, "late": 2} if drive else dict.fromkeys(
+        ("commands", "malformed", "late"), 0
+    )  # fmt: skip
+    assert {name: bridge.status()[name] for name in stopped} == stopped

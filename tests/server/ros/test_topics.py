@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -12,14 +13,22 @@ from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.rotations import about_z, product, turned, wrapped_rad, yaw_rad
 from hexctl.server.ros.frames import DeadReckoning, FramePose
-from hexctl.server.ros.topics import SENSORS, TOPICS, RobotMessages, measured_ns, publisher_endpoint, statuses
+from hexctl.server.ros.topics import (
+    SENSORS,
+    TOPICS,
+    RobotMessages,
+    RobotTopics,
+    measured_ns,
+    publisher_endpoint,
+    statuses,
+)
 from hexctl.server.service import ENDPOINT_BESIDE_ROUTER, link_beside_router, router_warnings
 from hexctl.server.snapshot import RobotSnapshot
 from hexctl.types import N_JOINTS, FloatArray, RobotState, ServoReadings
 from hexctl.wire import ros_cdr
 from hexctl.wire.links import load_link
 from hexctl.wire.ros import telemetry
-from hexctl.wire.ros.ros_names import RosNode
+from hexctl.wire.ros.ros_names import RosEndpoint, RosNode
 from hexctl.wire.ros.telemetry import Level
 from tests.driven import Driven, driven
 from tests.robots import shipped
@@ -120,6 +129,38 @@ def test_sensors_are_sent_if_known(messages: RobotMessages) -> None:
         assert imu.orientation_covariance[0] == (-1 if shown.orientation is None else 0)
     joints = decoded(ros_cdr.JOINT_STATE, messages.joint_states(snapshot(known)))
     assert list(joints.velocity) == list(range(18))
+
+
+@pytest.mark.parametrize("without", ["", "odom"])
+def test_subscribers_get_each_known_topic_at_its_rate_and_hear_of_silence(
+    without: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Five states within two seconds, the last two with orientation and contacts; then it is silent."""
+    got: dict[str, list[bytes]] = {}
+
+    class Publisher:
+        def __init__(self, _session: object, endpoint: RosEndpoint) -> None:
+            self.subscribed = endpoint.topic != without
+            self.put = got.setdefault(endpoint.topic, []).append
+
+    monkeypatch.setattr("hexctl.server.ros.topics.RosPublisher", Publisher)
+    topics = RobotTopics(MagicMock(), RosNode(), robot_messages())
+    shown = RobotSnapshot(state=replace(walking(ROBOT.stance_angles_rad), base_quaternion_world=None))
+    for now_s in (0.0, 0.5, 0.9):
+        topics.publish(shown, now_s)
+    assert not got.keys() & {"imu/data", "foot_contacts"}
+    shown = snapshot(replace(walking(ROBOT.stance_angles_rad), foot_contacts=np.ones(6, bool)))
+    for now_s in (1.1, 1.9, 2.2):
+        topics.publish(shown, now_s) if now_s < 2 else topics.publish_silence(now_s)
+    topics.publish_silence(2.3)
+    counts = {"joint_states": 5, "tf": 5, "odom": 2, "imu/data": 2, "foot_contacts": 2, "battery_state": 2}
+    counts |= {"/diagnostics": 3, "tf_static": 1, "robot_description": 1}
+    assert {topic: len(got[topic]) for topic in got if topic != without} == {
+        topic: count for topic, count in counts.items() if topic != without
+    }
+    assert not got.get(without)
+    levels = [decoded(telemetry.DIAGNOSTICS, one).status[0].level for one in got["/diagnostics"]]
+    assert levels == [Level.OK, Level.OK, Level.STALE]
 
 
 def test_endpoints_have_numbers_of_their_own_and_no_unknown_orientation_is_sent(

@@ -17,7 +17,15 @@ from hexctl.wire.ros import telemetry
 from hexctl.wire.ros.motion_commands import TWIST, TWIST_STAMPED
 from hexctl.wire.ros.parameters import DEFINITIONS, ParameterService, request_and_answer
 from hexctl.wire.ros.ros_names import SERVICE_HASHES, Kind, Qos, RosEndpoint, RosNode, type_hash
-from hexctl.wire.ros.ros_session import GREETING_S, SIZE, Attachment, RouterWatch, check_router
+from hexctl.wire.ros.ros_session import (
+    GREETING_S,
+    SIZE,
+    Attachment,
+    RosService,
+    RouterWatch,
+    check_router,
+    open_ros_session,
+)
 from hexctl.wire.ros.telemetry import DiagnosticStatus, Level
 from tests.wire.ros.decoding import decoded
 
@@ -229,3 +237,23 @@ def test_a_router_that_is_not_there_and_one_that_is_none_are_told_apart() -> Non
     assert "yet" in str(watch.trouble(False, 30.0))
     assert watch.trouble(True, 40.0) is None
     assert "any more" in str(watch.trouble(False, 50.0))
+
+
+def test_a_service_is_complete_as_ros_clients_ask_for_and_answers_under_their_number() -> None:
+    """rmw_zenoh asks complete services only, so that another one seems not to be there."""
+    server = RosEndpoint(RosNode(), Kind.SERVICE, "~/estop", "std_srvs/srv/Trigger", 5)
+    with open_ros_session(Endpoint.parse("tcp/127.0.0.1:1")) as session:
+        service = RosService(session, server)
+        for attachment in (b"", ONE.packed()):
+            replies = session.get(
+                server.key, payload=b"why", target=zenoh.QueryTarget.ALL_COMPLETE, attachment=attachment
+            )
+            request = service.next_request()
+            assert (request is None) == (service.take_malformed() == 1) == (not attachment)
+        assert request is not None
+        assert request.payload == b"why"
+        request.answer(b"done")
+        (reply,) = replies
+        assert reply.ok is not None
+        got = Attachment.unpacked(bytes(reply.ok.attachment or b""))
+        assert (bytes(reply.ok.payload), got.sequence, got.gid) == (b"done", ONE.sequence, ONE.gid)
