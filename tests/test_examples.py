@@ -83,7 +83,7 @@ def test_servos_are_identified_from_the_log_of_a_bench(folder: Path, printed: Pr
 
 @pytest.mark.realtime
 def test_a_family_of_another_package_conforms_on_its_simulated_bus(folder: Path) -> None:
-    source = shutil.copytree(EXAMPLES / "bus_family", folder / "source")
+    source = shutil.copytree(EXAMPLES / "hiwonder", folder / "source")
     pip = ("-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--target", "site")
     subprocess.run([sys.executable, *pip, str(source)], check=True, timeout=120)
     path = os.pathsep.join([str(folder / "site"), str(EXAMPLES.parent)])

@@ -69,6 +69,7 @@ class BusBoard(SimulatedBoard):
                 return
             # Servos move on between two control periods of the simulation, whose clock stands meanwhile.
             answers = self._family.obey(*packet, self._time.now())
+            self._free_s = max(self._free_s, self._time.now()) + self._family.busy_s(*packet)
             together = len(answers) > 1 and self._family.answer_together(*packet[:2])
             self._answer([overlapping(answers)] if together else answers)
 
@@ -122,6 +123,16 @@ class BusBoard(SimulatedBoard):
         limits = self._robot.robot.joint_max_torque_nm
         torques = np.zeros(N_JOINTS) if state.joint_torques_nm is None else state.joint_torques_nm
         self._family.show(counts, self._map.signs * np.clip(torques / limits, -1, 1))
+        self._send_reports(state)
+
+    def _send_reports(self, state: RobotState) -> None:
+        reports = self._family.reports(state)
+        if self._unplugged or not reports:
+            return
+        garbled = not self._understands()
+        for report in reports:
+            sent = self._random.randbytes(len(report)) if garbled else report
+            self._line.send(self._faults.damaged(sent, self._family.packets, self._random))
 
 
 def overlapping(answers: list[bytes]) -> bytes:

@@ -12,7 +12,7 @@ from hexctl.backends.bus.packets import PacketFormat
 from hexctl.backends.bus.servo_type import ServoType
 from hexctl.errors import InputError
 from hexctl.simulators.board_faults import BusFaults
-from hexctl.types import BoolArray, FloatArray
+from hexctl.types import BoolArray, FloatArray, RobotState
 
 #: Voltage and temperature of servos that nothing is wrong with, in V and degrees Celsius.
 USUAL_V, USUAL_C = 12.0, 35.0
@@ -78,6 +78,14 @@ class SimulatedServos(ABC):
     @abstractmethod
     def obey(self, servo_id: int, instruction: int, parameters: bytes, now_s: float) -> list[bytes]:
         """Execute an instruction at a time; return the answers."""
+
+    def busy_s(self, servo_id: int, instruction: int, parameters: bytes) -> float:
+        """Time of an instruction on another line behind a board, which the next one waits for, in s."""
+        return 0.0
+
+    def reports(self, state: RobotState) -> list[bytes]:
+        """What a board sends unasked in a control period."""
+        return []
 
     def answer_together(self, servo_id: int, instruction: int) -> bool:
         """Whether several servos that an instruction asks answer at once, not in turn."""

@@ -235,7 +235,7 @@ def test_servos_of_two_families_on_one_line_are_both_found(
     )
     monkeypatch.setattr(
         "hexctl.backends.bus.tools.SerialLine",
-        lambda path, baud: (slow if baud == 57_600 else fast).open(path, baud),
+        lambda path, baud, **_: (slow if baud == 57_600 else fast).open(path, baud),
     )
     words = ["servos", "scan", "--driver", driver, "--port", fast.path, "--baud", "all", "--json"]
     assert exit_code(words) == 0

@@ -107,14 +107,10 @@ class Listener:
 
     def is_noisy(self) -> bool:
         """Whether bytes come while nothing is asked."""
-        line = self.packets.line
-        line.time.sleep(FIRST_TIMEOUT_S)  # a late answer belongs to a request
-        line.discard()
-        deadline_s = line.time.now() + LISTENS_S
-        while line.time.now() < deadline_s:
-            if line.read(deadline_s):
-                return True
-        return False
+        time = self.packets.line.time
+        time.sleep(FIRST_TIMEOUT_S)  # a late answer belongs to a request
+        self.packets.discard()
+        return self.packets.hears_noise(time.now() + LISTENS_S)
 
     def _persists(self, servo_id: int, *, garbled: bool) -> bool:
         """Whether most pings return damaged bytes, or with `garbled` off several answers."""

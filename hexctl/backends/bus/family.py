@@ -26,6 +26,7 @@ class Family:
         bus: class of the servos of all joints.
         id_question: instruction that each servo answers with its id, also to a broadcast; None without one.
         ids_differ: whether the id of an unknown model may be at another address, and is never changed.
+        modem_lines: whether DTR and RTS are set on an open port; some boards restart with them.
         simulated: its `hexctl.simulators.bus_servos.SimulatedServos`, as `package.module:Class`.
     """
 
@@ -37,6 +38,7 @@ class Family:
     bus: type[ServoBus]
     id_question: int | None = None
     ids_differ: bool = False
+    modem_lines: bool = True
     simulated: str
 
     @property

@@ -1,6 +1,6 @@
 """A line on which servos answer packets, one question at a time."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 from hexctl.backends.bus.packets import PacketFormat, PacketStream, StatusPacket
@@ -34,7 +34,8 @@ class PacketLine:
     """Packets of one protocol on an open line. Its methods raise OSError when the port is lost.
 
     `timeout_s` is the time for an answer besides its time on the wire; with `adapts` it follows the last
-    delays. `late` counts what came when no answer was missing.
+    delays. `late` counts what came when no answer was missing, `absent` answers of a board in place of a
+    servo. `on_report` gets what a board sends by itself.
     """
 
     def __init__(
@@ -48,8 +49,9 @@ class PacketLine:
         self.line, self.packets = line, packets
         self._stream = PacketStream(self.packets)
         self.timeout_s = self._most_timeout_s = timeout_s
-        self._adapts, self.late = adapts, 0
+        self._adapts, self.late, self.absent = adapts, 0, 0
         self._missed: dict[int, _Missed] = {}
+        self.on_report: Callable[[StatusPacket], None] = lambda _: None
 
     @property
     def garbled(self) -> int:
@@ -94,17 +96,50 @@ class PacketLine:
         """
         line, before = self.line, self.garbled
         request = self.packets.instruction(servo_id, self.packets.probe)
-        line.discard()
-        self._stream.finish()
+        self.discard()
         line.write(request)
         deadline_s = line.time.now() + line.wire_s(len(request) + self.packets.status_size(ANSWER_BYTES))
         deadline_s += self.timeout_s
         came: list[StatusPacket] = []
         while line.time.now() < deadline_s:
-            came += self._stream.feed(line.read(deadline_s))
-        came += self._stream.finish()
-        answers = [each.servo_id == servo_id and self.packets.answers(request, each) for each in came]
+            came += self._asked_for(self._stream.feed(line.read(deadline_s)))
+        came += self._asked_for(self._stream.finish())
+        answers = [
+            each.servo_id == servo_id
+            and self.packets.answers(request, each)
+            and not self.packets.absent(each)
+            for each in came
+        ]
         return sum(answers), self.garbled - before
+
+    def discard(self) -> bool:
+        """Drop what has come except reports; whether there was any."""
+        if not self.packets.reports:
+            came = self.line.discard()
+            self._stream.finish()
+            return came
+        dropped = []
+        while data := self.line.read(0.0):  # the rest of a report may still be on its way
+            dropped += self._asked_for(self._stream.feed(data))
+        return bool(dropped)
+
+    def hears_noise(self, deadline_s: float) -> bool:
+        """Whether bytes come until a time that belong to no report."""
+        before = self.garbled
+        while self.line.time.now() < deadline_s and self.garbled == before:
+            data = self.line.read(deadline_s)
+            if data and (not self.packets.reports or self._asked_for(self._stream.feed(data))):
+                return True
+        return self.garbled > before
+
+    def _asked_for(self, came: list[StatusPacket]) -> list[StatusPacket]:
+        """Packets without the reports, which are passed on."""
+        if not self.packets.reports:
+            return came
+        for packet in came:
+            if self.packets.is_report(packet):
+                self.on_report(packet)
+        return [packet for packet in came if not self.packets.is_report(packet)]
 
     def _wait_for_late(self, servo_id: int, request: bytes, size: int | None) -> None:
         """Discard an answer that could be mistaken for the one to another request."""
@@ -120,21 +155,25 @@ class PacketLine:
     def transact(self, request: bytes, asked: Collection[int], wire_s: float) -> list[StatusPacket]:
         """Answers of the `asked` ids to a packet; `wire_s` is the time of all of them on the wire."""
         line, stream = self.line, self._stream
-        if line.discard():  # too late for the packet before
+        if self.discard():  # too late for the packet before
             self._note_late()
-        stream.finish()
         # Moves of LX-16A servos fill the line for milliseconds; shorter packets are in the learned delay.
         free_s = line.free_s if self.packets.names_question else 0.0
         begin_s = answered_s = max(self.line.time.now(), free_s)
         line.write(request)
         answers: dict[int, StatusPacket] = {}
+        absent: set[int] = set()
         deadline_s = begin_s + wire_s + self.timeout_s
-        while len(answers) < len(asked):
+        while len(answers) + len(absent) < len(asked):
             data = line.read(deadline_s)
             came = stream.feed(data)
             over = not data and self.line.time.now() >= deadline_s
-            for answer in came + stream.finish() if over else came:
+            for answer in self._asked_for(came + stream.finish() if over else came):
                 if answer.servo_id in asked and self.packets.answers(request, answer):
+                    if self.packets.absent(answer):
+                        absent.add(answer.servo_id)
+                        self.absent += 1
+                        continue
                     self.late += answer.servo_id in answers
                     answers[answer.servo_id], answered_s = answer, self.line.time.now()
                 else:  # too late for the packet before
@@ -169,5 +208,7 @@ class PacketLine:
         self._stream.finish()
 
     def learn_echo(self) -> None:
-        """Ping an unused id to learn whether the adapter echoes."""
+        """Ping an unused id to learn whether the adapter echoes; a board with reports does not."""
+        if self.packets.reports:
+            return
         self.line.learn_echo(self.packets.instruction(UNUSED_ID, self.packets.probe), FIRST_TIMEOUT_S)

@@ -46,11 +46,13 @@ class PacketFormat(ABC):
         probe: instruction that every servo answers without any change.
         checksum: of the bytes between the header and the checksum, 0 to 255.
         names_question: whether an answer names its instruction.
+        reports: whether a board with sensors sends packets by itself.
     """
 
     width = 1
     probe = PING
     names_question = False
+    reports = False
 
     @abstractmethod
     def instruction(self, servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
@@ -77,6 +79,14 @@ class PacketFormat(ABC):
     def answers(self, request: bytes, answer: StatusPacket) -> bool:
         """Whether an answer may be one to the request."""
         return True
+
+    def absent(self, answer: StatusPacket) -> bool:
+        """Whether a board answers in place of a servo that does not."""
+        return False
+
+    def is_report(self, packet: StatusPacket) -> bool:
+        """Whether a board sends a packet by itself."""
+        return False
 
     def address_bytes(self, address: int, size: int) -> bytes:
         """Parameters that address some bytes of a servo's memory."""

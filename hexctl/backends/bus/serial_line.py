@@ -35,10 +35,12 @@ class SerialLine:
     Raises RobotFaultError when the device cannot be opened.
     """
 
-    def __init__(self, path: str, baud: int, *, time: TimeSource = WALL_TIME) -> None:
+    def __init__(
+        self, path: str, baud: int, *, modem_lines: bool = True, time: TimeSource = WALL_TIME
+    ) -> None:
         self.path, self.baud, self.echoes, self.free_s = path, baud, False, 0.0
         self.time = time
-        self._device = open_device(path, baud)
+        self._device = open_device(path, baud, modem_lines=modem_lines)
         # FTDI adapters wait 16 ms for more bytes; other drivers and pseudo-terminals have no such setting.
         with contextlib.suppress(ValueError, NotImplementedError, OSError):
             self._device.set_low_latency_mode(True)
@@ -135,12 +137,19 @@ class SerialLine:
         return data[count:]
 
 
-def open_device(path: str, baud: int) -> Any:
-    """Open a serial device exclusively, as pyserial's `Serial`; raises RobotFaultError with advice."""
+def open_device(path: str, baud: int, *, modem_lines: bool = True) -> Any:
+    """Open a serial device exclusively, as pyserial's `Serial`; raises RobotFaultError with advice.
+
+    With `modem_lines` off, DTR and RTS stay low.
+    """
     import serial
 
     try:
-        return serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
+        device = serial.Serial(None, baud, timeout=0, write_timeout=0, exclusive=True)
+        device.dtr = device.rts = modem_lines
+        device.port = path
+        device.open()
+        return device
     except (OSError, ValueError, OverflowError, termios.error) as error:
         number = getattr(error, "errno", None)
         if number == errno.ENOENT:

@@ -53,6 +53,21 @@ class Report:
     error: str
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoardReport:
+    """What a board between computer and servos measures by itself; None for unknown values.
+
+    Attributes:
+        battery_v: at its supply.
+        quaternion: orientation of the body (w, x, y, z), (4,); its yaw begins at zero.
+        angular_velocity_rad_s: of the body, about its own axes, (3,).
+    """
+
+    battery_v: float | None = None
+    quaternion: FloatArray | None = None
+    angular_velocity_rad_s: FloatArray | None = None
+
+
 class AnswerShares:
     """Recent shares of questions without a complete answer, `damaged`, and their numbers, by joint."""
 
@@ -106,6 +121,7 @@ class ServoBus(ABC):
         stale_s: age of a accepted position after which a servo was not measured with the others.
         reports_limp: whether its reports complain of lost torque.
         damage: bytes outside answers during the search for servos.
+        board_answers: whether a board answered in place of servos then.
         lowest, highest: stored limits of goals, in counts, (n,); none before `settings`.
         speeds: maximum of the servos, (n,), in counts per second, for timed moves; infinite until set.
     """
@@ -115,6 +131,7 @@ class ServoBus(ABC):
     reports_limp: ClassVar[bool] = False
     servos: Sequence[Servo]
     damage: Damage
+    board_answers: bool
 
     def __init__(self, packets: PacketLine, models: Mapping[int, ServoType], counters: BusCounters) -> None:
         self._packets, self._counters, self._time = packets, counters, packets.line.time
@@ -131,7 +148,7 @@ class ServoBus(ABC):
         self._packets.learn_echo()
         listener = Listener(self._packets)
         found = [listener.look(servo.servo_id, servo.reads) for servo in self.servos]
-        self.damage = listener.damage()
+        self.damage, self.board_answers = listener.damage(), self._packets.absent > 0
         return np.array(found)
 
     def servo(self, servo_id: int, model: ServoType) -> Servo:
@@ -194,6 +211,10 @@ class ServoBus(ABC):
     @abstractmethod
     def _ask_reports(self, indices: Sequence[int]) -> list[Report]:
         """Reports of some servos, each asked once."""
+
+    def board(self) -> BoardReport:
+        """Newest measurements of a board; also for other threads."""
+        return BoardReport()
 
     def renew_watchdog(self, indices: Sequence[int] | None = None) -> None:  # noqa: B027  most have none
         """Treat silence as a failure from now on; expired watchdogs end."""

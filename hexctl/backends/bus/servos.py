@@ -10,7 +10,7 @@ from hexctl.backends.bus.damage import Damage
 from hexctl.backends.bus.line_condition import LineCondition
 from hexctl.backends.bus.readings import BelievedReadings, polls
 from hexctl.backends.bus.serial_line import SerialLine
-from hexctl.backends.bus.servo_bus import MANY_MUTE, BusCounters, Report, ServoBus
+from hexctl.backends.bus.servo_bus import MANY_MUTE, BoardReport, BusCounters, Report, ServoBus
 from hexctl.backends.bus.tools import bus_of, check_no_unexpected_ids, lost_id_notes, other_settings
 from hexctl.backends.clock import Clock
 from hexctl.backends.port_thread import PortThread
@@ -66,6 +66,10 @@ class BusThread(PortThread[ServoBus]):
             now_s = self._time.now()
             readings = self._readings
             return readings.positions, readings.servos(now_s), now_s - readings.heard_at_s
+
+    def board(self) -> BoardReport:
+        """Newest measurements of a board."""
+        return self._device.board()
 
     def _follow(self, targets: FloatArray) -> FloatArray:
         if not self.on:
@@ -188,7 +192,9 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
 
     def _open(self, *, first: bool = False) -> ServoBus:
         """Open the port and find enough servos; on the first call, without unexpected ids."""
-        line = SerialLine(self._port, self._baud, time=self._clock.time)
+        line = SerialLine(
+            self._port, self._baud, modem_lines=self._map.family.modem_lines, time=self._clock.time
+        )
         try:
             bus = bus_of(self._map, line, self.counters)
             bus.speeds = self._speeds
@@ -198,6 +204,11 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
                 line.close()
                 driver = self._map.family.name
                 advice = other_settings(self._port, driver, (self._baud,), drivers=(driver,))
+            if bus.board_answers and not found.any():
+                raise RobotFaultError(
+                    f"the board on {self._port} answers, but none of its servos; are they powered, and are "
+                    "the ids those of the robot file?"
+                )
             self._check_found(found, bus.damage, advice and f"; {advice}")
             noise = [bus.damage.description(self._port)] if bus.damage.noisy and found.all() else []
             if first and bus.damage and not noise:  # two servos with one id would move together
@@ -290,6 +301,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
 
     def _state(self, thread: BusThread) -> RobotState:
         counts, servos, silences_s = thread.newest()
+        board = thread.board()
         age_s = float(servos.ages_s.min())
         heard: BoolArray = np.isfinite(counts)
         positions = np.where(heard, self._map.angles_rad(np.where(heard, counts, 0.0)), self._sent_rad)
@@ -304,7 +316,9 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             age_s=age_s,
             healthy=thread.gone is None,
             fault=self._fault(thread.gone, float(silences_s.min())),
-            battery_v=_median(servos.voltages_v),
+            base_quaternion_world=board.quaternion,
+            angular_velocity_body_rad_s=board.angular_velocity_rad_s,
+            battery_v=_median(servos.voltages_v) if board.battery_v is None else board.battery_v,
             low_battery_v=self._map.low_battery_v,
             joint_torques_nm=torques,
             servos=servos,

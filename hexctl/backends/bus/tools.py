@@ -55,9 +55,9 @@ def bus_of(servos: BusMap, line: SerialLine, counters: BusCounters) -> ServoBus:
 
 
 @contextmanager
-def opened_line(path: str, baud: int) -> Iterator[SerialLine]:
-    """Open a line for a while; raises RobotFaultError when it cannot be opened, or is lost."""
-    line = SerialLine(path, baud)
+def opened_line(path: str, baud: int, family: Family) -> Iterator[SerialLine]:
+    """Open a line to servos for a while; raises RobotFaultError when it cannot be opened, or is lost."""
+    line = SerialLine(path, baud, modem_lines=family.modem_lines)
     try:
         yield line
     except OSError as error:
@@ -121,7 +121,7 @@ def scan_bus(
     asked, of = count(), len(bauds) * len(family.formats) * len(ids)
     found: list[ScannedServo] = []
     for baud in bauds:
-        with opened_line(path, baud) as line:
+        with opened_line(path, baud, family) as line:
             at_baud: dict[int, ScannedServo] = {}
             for protocol in family.formats:
                 listener = Listener(tool_line(line, family, protocol))
@@ -239,7 +239,7 @@ def set_servo_id(
     if family.ids_differ and servo.model is None:
         known = [each.name for each in family.models if each.number]
         raise InputError(f"model number: got {servo.model_number}; allowed: those of {', '.join(known)}")
-    with opened_line(path, baud) as line:
+    with opened_line(path, baud, family) as line:
         packets = tool_line(line, family, servo.protocol)
         return _give_id(family.servo_with(packets, servo.protocol, servo.servo_id), new_id)
 
@@ -254,7 +254,7 @@ def _give_id(servo: Servo, new_id: int) -> ScannedServo:
 def _ids_by_broadcast(path: str, family: Family, question: int, baud: int) -> list[int]:
     """Ids of servos that answer a broadcast of a question for them: complete only if there is one."""
     ids: set[int] = set()
-    with opened_line(path, baud) as line:
+    with opened_line(path, baud, family) as line:
         packets = tool_line(line, family, next(iter(family.formats)))
         request = packets.packets.instruction(BROADCAST, question)
         for _ in range(BROADCASTS):
@@ -332,7 +332,7 @@ def adopt(robot: Robot, servos: BusMap, port: str, baud: int) -> tuple[int, floa
     if FACTORY_ID in servos.ids.tolist():
         joint = servos.names(servos.ids == FACTORY_ID)
         raise RobotFaultError(f"id {FACTORY_ID} belongs to a joint of the robot file ({joint}): none is lost")
-    with opened_line(port, baud) as line:
+    with opened_line(port, baud, servos.family) as line:
         listener = Listener(tool_line(line, servos.family, servos.protocol))
         found = np.array([listener.answers(each, tries=TRIES) for each in servos.ids.tolist()])
         if damage := listener.damage():

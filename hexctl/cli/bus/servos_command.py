@@ -198,7 +198,7 @@ def try_(
     from hexctl.control.calibration.servo_trial import try_servo
 
     bus = BusOptions(**options).address()
-    with opened_line(bus.path, bus.baud) as line:
+    with opened_line(bus.path, bus.baud, bus.family) as line:
         servo = the_servo(line, bus.driver, int(servo_id))
         ask_consent(f"The servo with id {servo_id} goes limp and moves by 10 degrees to both sides.", yes=yes)
         trial = try_servo(servo)

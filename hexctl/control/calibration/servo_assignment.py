@@ -8,6 +8,7 @@ from pathlib import Path
 
 import yaml
 
+from hexctl.backends.bus.family import find_family
 from hexctl.backends.bus.servo import ScannedServo
 from hexctl.backends.bus.tools import opened_line, the_servo
 from hexctl.control.calibration.operator import EndedError, Operator, ask
@@ -129,7 +130,7 @@ def assign_servos(
     """
     left = [servo_id for servo_id in ids if servo_id not in known.ids.values()]
     operator.tell(INTRODUCTION)
-    with opened_line(known.port, known.baud) as line:
+    with opened_line(known.port, known.baud, find_family(known.driver)) as line:
         for place, servo_id in enumerate(left, start=1):
             try:
                 servo = the_servo(line, known.driver, servo_id)

@@ -180,7 +180,9 @@ class MemoryDevice(Generic[Board]):
             self._clock.begin(self._ticked_s)
         board._start()
 
-    def open(self, path: str, baud: int, *, time: TimeSource | None = None) -> SerialLine:
+    def open(
+        self, path: str, baud: int, *, modem_lines: bool = True, time: TimeSource | None = None
+    ) -> SerialLine:
         """Open the line, as `SerialLine` does."""
         if self.unplugged or path != self.path:
             raise RobotFaultError(f"there is no port {path}")

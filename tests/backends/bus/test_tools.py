@@ -269,7 +269,7 @@ def plug(monkeypatch: pytest.MonkeyPatch) -> Plug:
     """Makes a line the one that the tools open."""
 
     def plugged(line: MemoryLine) -> MemoryLine:
-        monkeypatch.setattr(tools, "SerialLine", lambda *_: line)
+        monkeypatch.setattr(tools, "SerialLine", lambda *_, **__: line)
         return line
 
     return plugged

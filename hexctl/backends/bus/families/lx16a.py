@@ -193,13 +193,17 @@ class Lx16aServo(Servo):
 
 
 class Lx16aBus(ServoBus):
-    """LX-16A, LX-224 and HTS-35H servos on one line.
+    """LX-16A, LX-224 and HTS-35H servos on one line, or behind a board that repeats their commands.
 
     Goals are clipped to the limits stored in each servo, beyond which it would unload. A servo that unloads
     by itself gets no more goals. No servo confirms a move: its duration starts from the expected end of the
     one before, and while answers are lost also from the position if those moves were lost.
+
+    Attributes:
+        servo_class: of single servos.
     """
 
+    servo_class: ClassVar[type[Lx16aServo]] = Lx16aServo
     mute_s: ClassVar[float] = 1.5
     stale_s: ClassVar[float] = 0.5
     reports_limp = True
@@ -207,7 +211,7 @@ class Lx16aBus(ServoBus):
 
     def __init__(self, packets: PacketLine, models: Mapping[int, ServoType], counters: BusCounters) -> None:
         super().__init__(packets, models, counters)
-        self.servos = [Lx16aServo(packets, servo_id, model) for servo_id, model in models.items()]
+        self.servos = [self.servo_class(packets, servo_id, model) for servo_id, model in models.items()]
         self.lowest = np.array([float(model.least) for model in models.values()])
         self.highest = np.array([float(model.most) for model in models.values()])
         count = len(models)
@@ -252,7 +256,7 @@ class Lx16aBus(ServoBus):
         self._on[left] = on
         self._limp[left] = self._beyond[left] = False
         for _ in range(TRIES):
-            self._line.write(b"".join(torque_packet(self._format, self.ids[index], on=on) for index in left))
+            self._write([torque_packet(self._format, self.ids[index], on=on) for index in left])
             left = [index for index in left if self._ask(index, READ_LOAD) != bytes([on])]
             if not left:
                 return
@@ -263,7 +267,7 @@ class Lx16aBus(ServoBus):
         chosen = np.flatnonzero(which).tolist()
         for index in chosen:
             to_here = move_packet(self._format, self.ids[index], int(here[index]), PERIOD_MS)
-            self._line.write(to_here + torque_packet(self._format, self.ids[index], on=True) + to_here)
+            self._write([to_here, torque_packet(self._format, self.ids[index], on=True), to_here])
         self._sent[:] = self._earlier[:] = np.nan
         self._from[:] = np.where(which, here, np.nan)
         self.set_torque(True, chosen)
@@ -317,17 +321,28 @@ class Lx16aBus(ServoBus):
         self._waited = set(due) - set(chosen)
         planned_ms = np.array([2 * PERIOD_MS if index in slow else PERIOD_MS for index in self._every])
         arrive_s = np.full(len(self.ids), now_s)  # at its servo, one move behind the other
-        arrive_s[chosen] = max(self._line.free_s, now_s) + self._line.wire_s(MOVE_BYTES) * np.arange(
-            1, len(chosen) + 1
-        )
+        arrive_s[chosen] = max(self._line.free_s, now_s) + self._move_s() * np.arange(1, len(chosen) + 1)
         times_ms = np.maximum(planned_ms, self._needed_ms(self._goals, arrive_s))
         self._note_moves(chosen, self._goals, times_ms, arrive_s)
-        moves = [
-            move_packet(self._format, self.ids[index], int(self._sent[index]), int(times_ms[index]))
-            for index in chosen
-        ]
-        if moves:
-            self._line.write(b"".join(moves))
+        if chosen:
+            self._write_moves(chosen, times_ms)
+
+    def _write_moves(self, chosen: Sequence[int], times_ms: FloatArray) -> None:
+        """Move some servos to the goals noted as sent, in times (n,)."""
+        self._write(
+            [
+                move_packet(self._format, self.ids[index], int(self._sent[index]), int(times_ms[index]))
+                for index in chosen
+            ]
+        )
+
+    def _write(self, packets: Sequence[bytes]) -> None:
+        """Send packets, each with a command for one servo."""
+        self._line.write(b"".join(packets))
+
+    def _move_s(self) -> float:
+        """Time of a move on the servos' line."""
+        return self._line.wire_s(MOVE_BYTES)
 
     def _needed_ms(self, goals: FloatArray, at_s: FloatArray) -> FloatArray:
         """Time of each servo to its goal at maximum speed, from any of its possible positions, (n,)."""
