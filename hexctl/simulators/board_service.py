@@ -113,7 +113,7 @@ class BoardService(ServedOptions):
         if self.bus is None:
             return 0
         usual = _twin_of(self.bus).usual_baud if is_board(self.bus) else find_family(self.bus).bauds[0]
-        return self.baud or usual
+        return self.baud or usual or 0
 
     def run(
         self,

@@ -1,6 +1,5 @@
 """A bus of servos on a pseudo-terminal, with a simulated robot, in real time."""
 
-import termios
 from functools import reduce
 from operator import and_
 
@@ -11,18 +10,11 @@ from hexctl.backends.bus.bus_map import BusMap
 from hexctl.backends.bus.tools import FACTORY_ID
 from hexctl.simulators.board_faults import BUS_FAULTS, BoardFault, BusFaults
 from hexctl.simulators.bus_servos import BUS_COUNTS, simulated_servos
-from hexctl.simulators.simulated_board import PseudoTerminal, SimulatedBoard
+from hexctl.simulators.simulated_board import PseudoTerminal, SimulatedBoard, baud_of
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState
 
 #: How long a servo hesitates before it answers, with its return delay at 0.
 HESITATES_S = 0.00005
-
-#: Bauds by the constants of a terminal.
-_BAUDS = {
-    getattr(termios, name): int(name[1:])
-    for name in dir(termios)
-    if name.startswith("B") and name[1:].isdecimal()
-}
 
 
 class BusBoard(SimulatedBoard):
@@ -75,7 +67,7 @@ class BusBoard(SimulatedBoard):
 
     def _understands(self) -> bool:
         """Whether the controller has opened the line at the servos' baud, if known."""
-        return _BAUDS.get(self._line.speed) in (None, self._baud)
+        return baud_of(self._line) in (None, self._baud)
 
     def _answer(self, answers: list[bytes]) -> None:
         """Send answers at the speed of the line, garbled by the faults."""

@@ -28,6 +28,14 @@ from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState
 CHUNK = 4096
 
 
+#: Bauds by the constants of a terminal.
+_BAUDS = {
+    getattr(termios, name): int(name[1:])
+    for name in dir(termios)
+    if name.startswith("B") and name[1:].isdecimal()
+}
+
+
 class PseudoTerminal:
     """A serial device without a wire."""
 
@@ -58,6 +66,11 @@ class PseudoTerminal:
         """End the device."""
         os.close(self.descriptor)
         os.close(self._slave)
+
+
+def baud_of(line: PseudoTerminal) -> int | None:
+    """Bits per second at which the controller has opened a line; None if no terminal has a name for them."""
+    return _BAUDS.get(line.speed)
 
 
 class SocketLine:
@@ -226,15 +239,15 @@ class SimulatedPulseBoard(SimulatedBoard):
     """A board of hobby servos; the class of each driver is named by its `PulseBoard`.
 
     Args:
-        model: one of `models`; the first by default.
+        model: one of `models`, or None for the usual one.
         baud: of its line; its usual one by default.
     """
 
     #: Models or firmwares that it can be.
     models: ClassVar[tuple[str, ...]] = ()
 
-    #: Usual bits per second of its line; 0 for a USB device, which has no speed.
-    usual_baud: ClassVar[int] = 0
+    #: Usual bits per second of its line; 0 for one on USB that may have a speed, None if it never has one.
+    usual_baud: ClassVar[int | None] = None
 
     def __init__(
         self,
@@ -250,14 +263,14 @@ class SimulatedPulseBoard(SimulatedBoard):
         if model is not None and model not in self.models:
             allowed = ", ".join(self.models) or "none"
             raise InputError(f"{argument('model')}: got {model}; allowed: {allowed} with {driver}")
-        if baud is not None and not self.usual_baud:
+        if baud is not None and self.usual_baud is None:
             raise InputError(
                 f"{argument('baud')}: got {baud} with {driver}, a USB device; allowed: with other buses"
             )
         self._line = self._opened()
         super().__init__(servos, self._line, faults, seed)
-        self._map, self._baud = pwm_map, baud or self.usual_baud
-        self._model = model or next(iter(self.models), None)
+        self._map, self._model = pwm_map, model
+        self._baud = baud or self.usual_baud or 0
 
     def _opened(self) -> Any:
         """The line."""

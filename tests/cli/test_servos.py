@@ -197,6 +197,8 @@ def test_it_says_where_it_is_and_ends_with_ctrl_c(tmp_path: Path) -> None:
         ("lx16a", None, "phantomx"),
         ("servo2040", "fork", "ant"),
         ("pca9685", None, "ant"),
+        ("maestro", "mini18", "ant"),
+        ("ssc32", "ssc32", "ant"),
     ],
 )
 def test_a_walk_goes_through_a_simulated_bus(bus: str, model: str | None, robot: str, call: Call) -> None:

@@ -16,7 +16,8 @@ import numpy as np
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.pwm.pulse_board import PulseBoard
 from hexctl.backends.pwm.pwm_map import BoardSettings, PwmMap
-from hexctl.backends.pwm.servos import BoardReport, PwmServos
+from hexctl.backends.pwm.serial_board import SerialPwmServos
+from hexctl.backends.pwm.servos import BoardReport
 from hexctl.backends.serial_ports import SerialAddress
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray
@@ -206,16 +207,13 @@ class Servo2040:
         return data
 
 
-class Servo2040Servos(PwmServos):
+class Servo2040Servos(SerialPwmServos):
     """Eighteen hobby servos on a servo2040 at a serial device, with foot contacts."""
 
-    def _open(self) -> Servo2040:
-        line = SerialLine(self._port, BAUD, time=self._clock.time)
-        try:
-            return Servo2040(line, self._map)
-        except BaseException:
-            line.close()
-            raise
+    usual_baud = BAUD
+
+    def _board(self, line: SerialLine) -> Servo2040:
+        return Servo2040(line, self._map)
 
 
 def parse_servo2040_port(text: str | None, _baud: int | None = None) -> str:

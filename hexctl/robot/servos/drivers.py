@@ -14,6 +14,8 @@ FAMILIES = {
 BOARDS = {
     "servo2040": "hexctl.backends.pwm.servo2040:SERVO2040",
     "pca9685": "hexctl.backends.pwm.pca9685:PCA9685",
+    "maestro": "hexctl.backends.pwm.maestro:MAESTRO",
+    "ssc32": "hexctl.backends.pwm.ssc32:SSC32",
 }
 
 #: Bits per second of a line to servos.

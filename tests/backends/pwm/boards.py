@@ -1,7 +1,8 @@
 """Simulated boards of hobby servos: in a thread of the test, or in memory on simulated time."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
+from pkgutil import resolve_name
 from typing import Any
 from unittest.mock import patch
 
@@ -9,9 +10,8 @@ from hexctl.backends.base import LegServos
 from hexctl.backends.clock import WallClock
 from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.pca9685 import Pca9685Servos
-from hexctl.backends.pwm.pulse_board import pwm_map_of
+from hexctl.backends.pwm.pulse_board import find_board, pwm_map_of
 from hexctl.backends.pwm.pwm_map import PwmMap
-from hexctl.backends.pwm.servo2040 import Servo2040Servos
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.pca9685_board import Pca9685Board
 from hexctl.simulators.servo2040_board import Servo2040Board
@@ -42,31 +42,37 @@ def pca9685_board(
         yield board
 
 
-MemoryServo2040 = MemoryDevice[Servo2040Board]
-
-
 @contextmanager
-def memory_servo2040(
-    *faults: str, firmware: str = "stock", servos: LegServos | None = None, pwm_map: PwmMap | None = None
-) -> Iterator[MemoryServo2040]:
-    """A servo2040 in memory, found at its path meanwhile; clocks that nobody gave are on its time.
+def memory_board(
+    pwm_map: PwmMap, *faults: str, servos: LegServos | None = None, **options: Any
+) -> Iterator[MemoryDevice[Any]]:
+    """A board in memory, found at its path meanwhile; clocks that nobody gave are on its time.
 
-    It moves a mock robot unless other servos are given.
+    It moves a mock robot unless other servos are given; `options` are its model and baud.
     """
     time = FakeTime()
     moved = servos or MockServos(shipped(), clock=WallClock(time=Standing(time)))
-    given = faults_of(Servo2040Board, faults)
-    device = MemoryDevice(Servo2040Board(moved, pwm_map or a_map(), model=firmware, faults=given), time)
+    kind = resolve_name(find_board(pwm_map.driver).simulated)
+    device = MemoryDevice(kind(moved, pwm_map, faults=faults_of(kind, faults), **options), time)
     with (
-        patch("hexctl.backends.pwm.servo2040.SerialLine", device.open),
+        patch("hexctl.backends.pwm.serial_board.SerialLine", device.open),
         patch("hexctl.backends.ticked_servos.WallClock", device.time.clock),
     ):
         yield device
 
 
-def servos_on(board: MemoryServo2040, pwm_map: PwmMap | None = None) -> Servo2040Servos:
-    """Servos of the controller's end, not connected."""
-    return Servo2040Servos(shipped(), pwm_map=pwm_map or a_map(), port=board.path, clock=board.time.clock())
+def memory_servo2040(
+    *faults: str, firmware: str = "stock", servos: LegServos | None = None, pwm_map: PwmMap | None = None
+) -> AbstractContextManager[MemoryDevice[Servo2040Board]]:
+    """A servo2040 in memory."""
+    return memory_board(pwm_map or a_map(), *faults, model=firmware, servos=servos)
+
+
+def servos_on(board: MemoryDevice[Any], pwm_map: PwmMap | None = None) -> Any:
+    """Servos of the controller's end, not connected, by the map of the board unless another is given."""
+    used = pwm_map or board.board._map
+    make = find_board(used.driver).servos
+    return make(shipped(), pwm_map=used, port=board.path, clock=board.time.clock())
 
 
 def i2c_servos_on(board: Pca9685Board) -> Pca9685Servos:

@@ -73,7 +73,8 @@ class TestServo2040(HobbyServosConformance):
             yield
 
     def make(self) -> Servo2040Servos:
-        return servos_on(self.running)
+        made: Servo2040Servos = servos_on(self.running)
+        return made
 
     def pulses_us(self) -> FloatArray:
         board = self.running.board
