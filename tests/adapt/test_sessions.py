@@ -250,4 +250,4 @@ def test_a_browser_gets_recordings_of_one_name_and_sessions_until_the_viewer_end
     serve_runs(names, tmp_path, on_url=str, stop_requested=lambda: True)
     assert fetched == [paths[0].read_bytes(), b"RRF2overview", paths[1].read_bytes()]
     with pytest.raises(RecordingError, match="ended with 9"):
-        serve_runs(names, tmp_path, on_url=str, stop_requested=lambda: False)
+        serve_runs(names, tmp_path, on_url=str, stop_requested=iter([False, True]).__next__)

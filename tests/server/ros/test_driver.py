@@ -2,7 +2,9 @@
 
 import math
 import random
+from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -403,3 +405,25 @@ def test_any_client_stops_the_robot_and_moves_it_only_with_ros_drive(drive: bool
         ("commands", "malformed", "late"), 0
     )  # fmt: skip
     assert {name: bridge.status()[name] for name in stopped} == stopped
+
+
+def test_states_are_published_until_the_robot_falls_silent_and_a_missing_router_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    times = iter(np.arange(0.0, 60.0, 0.3).tolist())
+    bridge = RosBridge(
+        load_robot("ant"), RosNode(), Inbox(), print,
+        router=ROUTER, settings=RosSettings(), time=SimpleNamespace(now=times.__next__),  # type: ignore[arg-type]
+    )  # fmt: skip
+    topics = MagicMock()
+    topics.publish_silence.side_effect = lambda _: bridge._closing.set()
+    monkeypatch.setattr("hexctl.server.ros.bridge.RobotTopics", lambda *_: topics)
+    state: Any = object()
+    bridge.offer(state)
+    with open_ros_session(Endpoint.parse(ROUTER)) as session:
+        bridge._serve(session)
+    ((published, at_s), _), (silent_s,) = topics.publish.call_args, topics.publish_silence.call_args.args
+    assert published is state
+    assert 1.0 < silent_s - at_s < 2.0
+    assert not bridge.status()["connected"]
+    assert bridge.condition == f"no ROS router at {ROUTER} yet; ros2 run rmw_zenoh_cpp rmw_zenohd starts one"
