@@ -11,6 +11,7 @@ from types import ModuleType
 from typing import Any
 from unittest.mock import MagicMock
 
+import pyarrow.parquet as pq
 import pytest
 import yaml
 
@@ -122,6 +123,17 @@ def test_a_session_becomes_a_table_of_its_trials(recording: Path, tmp_path: Path
     name, _ = session_in(tmp_path / "runs", recording, (0.1, 0.2))
     table = export(name, output=tmp_path / "s.csv", folder=tmp_path / "runs")
     assert len(table.read_text().splitlines()) == 3
+
+
+def test_types_of_a_table_of_trials_do_not_depend_on_what_they_lack(recording: Path, tmp_path: Path) -> None:
+    name, _ = session_in(tmp_path / "runs", recording, (0.1, 0.2))
+    found = pq.read_table(export(name, output=tmp_path / "s.parquet", folder=tmp_path / "runs"))
+    kinds = {one.name: str(one.type) for one in found.schema}
+    lacking = {one for one in kinds if found[one].null_count == found.num_rows}
+    assert {"stopped", "cause", "trim_deg", "expected_chance"} <= lacking
+    for one in lacking:
+        text = one in ("stopped", "hold", "cause", "recording", "world") or one.endswith("_status")
+        assert kinds[one] == ("string" if text else "double"), one
 
 
 def test_a_recording_that_is_given_itself_is_never_left_out_nor_a_session_that_has_lost_everything(

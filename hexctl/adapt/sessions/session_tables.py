@@ -20,6 +20,9 @@ ASKED_COLUMNS = ("robot", "world", "failure", "duration_s", "target_m")
 #: Fields of `SessionSpec` in each row.
 SPEC_COLUMNS = ("robot", "world", "failure", "objective", "duration_s", "backend")
 
+#: Texts that all trials may lack; numbers that they lack are floats, except for `failed_leg`.
+TEXTS = ("stopped", "hold", "recording", "cause", "world", *(f"baseline_{x}_status" for x in BASELINE_GAITS))
+
 #: Columns that an empty table has, so that a question about it has an answer.
 USUAL_COLUMNS = (
     "session",
@@ -87,7 +90,9 @@ def export_session(name: str, kind: str, path: Path, folder: Path, *, on_damage:
         import pyarrow.parquet as pq
     except ModuleNotFoundError as error:
         raise MissingExtraError("Parquet export", "study") from error
-    pq.write_table(pa.Table.from_pylist(rows), path)
+    table, empty = pa.Table.from_pylist(rows), dict.fromkeys(TEXTS, pa.string()) | {"failed_leg": pa.int64()}
+    types = [empty.get(one.name, pa.float64()) if one.type == pa.null() else one.type for one in table.schema]
+    pq.write_table(table.cast(pa.schema(zip(table.schema.names, types, strict=True))), path)
 
 
 def sessions(folder: Path | str = RUNS) -> Any:
