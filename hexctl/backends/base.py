@@ -11,6 +11,7 @@ from hexctl.errors import CommandRefusedError, InputError, RobotFaultError, chec
 from hexctl.robot.failure import Failure, Failures, difference_note, each_failure, failure_text
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
+from hexctl.robot.sensors import in_words
 from hexctl.robot.servos.raw_map import RawMap
 from hexctl.types import N_JOINTS, FloatArray, JointTargets, RobotState, all_finite
 
@@ -277,12 +278,24 @@ def connection_notes(servos: LegServos, assumed: Failures) -> list[str]:
         notes.append(UNSERVED)
     if simulation is not None and (note := difference_note(simulation.failures, assumed)) is not None:
         notes.append(note)
-    notes += [f"servos: {warning}" for warning in servos.read().warnings]
+    state = servos.read()
+    notes += [f"servos: {warning}" for warning in state.warnings]
+    if servos.moves_hardware and (missing := _unreported(servos.robot, state)):
+        notes.append(
+            f"the robot reports no {missing}, which its simulation measures: list `sensors` in its file"
+        )
     there = None if remote is None else (remote.simulated or {}).get("failure")
     here = failure_text(*each_failure(assumed))
     if there not in (None, here):
         notes.append(f"the simulated robot there has failure {there}, this end walks as with failure {here}")
     return notes
+
+
+def _unreported(robot: Robot, state: RobotState) -> str:
+    """Sensors of the robot file without a report, in words; others may report later, or from elsewhere."""
+    silent = {"joint_positions": not state.measured, "foot_contacts": state.foot_contacts is None}
+    missing = [sensor for sensor in robot.sensors if silent.get(sensor)]
+    return in_words(missing) if missing else ""
 
 
 def failures_in_force(servos: LegServos) -> tuple[Failure, ...] | None:

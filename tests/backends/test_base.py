@@ -68,6 +68,12 @@ class ServedMock(MockServos):
         return self
 
 
+class EchoingBoard(MockServos):
+    """Servos of a robot that report their targets as positions."""
+
+    moves_hardware = True
+
+
 class Recorder(BreakingServos, ServedMock):  # type: ignore[misc]  # the failures are those of the simulation
     """Servos whose every property says something else than the default, and whose calls are kept."""
 
@@ -132,7 +138,14 @@ def test_an_operator_is_told_whose_robot_it_is_and_what_a_simulation_breaks() ->
         assert "leg 2 locked" in note
         assert connection_notes(simulated, simulated.failures) == []
     with memory_bus(a_map()) as bus, servos_on(bus, a_map()) as unserved:
-        assert connection_notes(Guard(unserved), None) == [UNSERVED]
+        served, missing = connection_notes(Guard(unserved), None)
+        assert served == UNSERVED
+        assert "foot contacts" in missing
+        assert "joint positions" not in missing
+    with EchoingBoard(replace(shipped(), sensors=("joint_positions", "imu"))) as echoing:
+        assert "joint positions" in connection_notes(echoing, None)[1]
+    with EchoingBoard(replace(shipped(), sensors=("imu",))) as honest:
+        assert connection_notes(honest, None) == [UNSERVED]
     with MockServos("ant") as unreal:
         assert connection_notes(unreal, None) == []
 
