@@ -4,6 +4,7 @@ The rules are the tables at the top. A command that no rule covers fails: nothin
 another page has already is only parsed; `page_of` says whose it is.
 """
 
+import os
 import re
 import shutil
 import subprocess
@@ -16,9 +17,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import pytest
 import typer
 
 from hexctl.cli.main import app, exit_code
+from hexctl.robot.plugins import plugins
 from tests.docs.pages import PAGES, ROOT, commands
 from tests.server.processes import free_port, program
 
@@ -116,7 +119,7 @@ def made_by(words: Sequence[str]) -> list[list[str]]:
 
 
 #: Backends of servos on a port.
-ON_A_PORT = {"dynamixel", "feetech", "lx16a", "servo2040", "pca9685"}
+ON_A_PORT = {"dynamixel", "feetech", "lx16a", "hiwonder", "servo2040", "pca9685"}
 
 
 class Shell:
@@ -124,7 +127,7 @@ class Shell:
 
     def __init__(self, folder: Path, page: Path | None = None) -> None:
         self._folder, self._page = folder, page
-        self._boards, self._programs = ExitStack(), ExitStack()
+        self._boards, self._programs, self._plugins = ExitStack(), ExitStack(), ExitStack()
         self._robot: list[str] = []  # where clients find the robot that is served
         self._board = ""  # where clients find the servo board
         self._camera = ""  # address of the rendered camera's pictures
@@ -135,6 +138,7 @@ class Shell:
     def __exit__(self, *_: object) -> None:
         self._programs.close()
         self._boards.close()
+        self._plugins.close()
 
     def do(self, words: Sequence[str]) -> None:
         """Run a command, or what stands for it."""
@@ -143,7 +147,7 @@ class Shell:
             "python": self._python,
             "make": self._make,
             "cp": self._copy,
-            "pip": _pip,
+            "pip": self._pip,
             "uv": _uv,
             "sudo": _sudo,
             "sudoedit": _sudo,
@@ -266,6 +270,22 @@ class Shell:
         for arguments in ours:
             self.hexctl(arguments)
 
+    def _pip(self, words: list[str]) -> None:
+        """Install a plug-in of the repository until the end of the page, or check an extra."""
+        if not words[-1].startswith("./"):
+            _extras(words)
+            return
+        _require(words[:-1] == ["install"])
+        source = shutil.copytree(ROOT / words[-1], self._folder / "plug-in")
+        site = str(self._folder / "site")
+        pip = ("-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--target", site)
+        subprocess.run([sys.executable, *pip, str(source)], check=True, timeout=120)
+        patch = self._plugins.enter_context(pytest.MonkeyPatch.context())
+        patch.syspath_prepend(site)
+        patch.setenv("PYTHONPATH", os.pathsep.join([site, os.environ.get("PYTHONPATH", "")]))
+        plugins.cache_clear()
+        self._plugins.callback(plugins.cache_clear)
+
     def _copy(self, words: list[str]) -> None:
         """Copy a file of the repository into the folder."""
         source, target = words
@@ -299,7 +319,7 @@ def _project() -> dict[str, Any]:
     return project
 
 
-def _pip(words: list[str]) -> None:
+def _extras(words: list[str]) -> None:
     """Check that the extras exist, and that the installation stays editable."""
     command, option, target = words
     _require((command, option, target[0]) == ("install", "-e", "."))
@@ -310,7 +330,7 @@ def _uv(words: list[str]) -> None:
     """Check the extra, and parse the command of hexctl."""
     command, option, extra, program, *arguments = words
     _require((command, option, program) == ("run", "--extra", "hexctl"))
-    _pip(["install", "-e", f".[{extra}]"])
+    _extras(["install", "-e", f".[{extra}]"])
     parse(arguments)  # what it does is run by the first command of the page
 
 
