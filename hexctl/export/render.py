@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hexctl.control.scoring.score import filled
 from hexctl.errors import HexctlError, MissingExtraError
 from hexctl.palette import FAILED_COLORS, LINE_COLOR, NOTICED_COLORS
 from hexctl.recording.recorded_trial import LEG_CONDITIONS, RecordedTrial
@@ -299,7 +300,7 @@ def positions_m(trial: RecordedTrial) -> FloatArray:
 
 
 def quaternions(trial: RecordedTrial) -> FloatArray:
-    """Orientations of the base as w, x, y, z, (T, 4); unknown ones are level and straight ahead."""
-    found = trial.base_quaternion_world.copy()
+    """Orientations of the base as w, x, y, z, (T, 4): the last known one, else level and straight ahead."""
+    found = filled(trial.base_quaternion_world).copy()
     found[~np.isfinite(found).all(axis=-1)] = (1.0, 0.0, 0.0, 0.0)
     return np.asarray(found)

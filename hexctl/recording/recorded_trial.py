@@ -17,7 +17,7 @@ from hexctl.errors import HexctlError, InputError
 from hexctl.recording import paths
 from hexctl.recording.rrd import check_name
 from hexctl.recording.rrd_reader import entity_of, read_chunks
-from hexctl.recording.series import ACTION, SENSORS, SERVOS, SUSPICION, VECTORS, Series
+from hexctl.recording.series import ACTION, ORIENTATION, SENSORS, SERVOS, SUSPICION, VECTORS, Series
 from hexctl.robot.formats.json_model import robot_from_json
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wxyz
@@ -289,10 +289,11 @@ def _pose(columns: _Columns) -> tuple[FloatArray, FloatArray]:
     position_m, quaternion = np.full((ticks, 3), np.nan), np.full((ticks, 4), np.nan)
     times_ns, places_m = columns.numbers(paths.ROBOT, "Transform3D:translation", 3)
     _, quaternions = columns.numbers(paths.ROBOT, "Transform3D:quaternion", 4)
-    rows, there = columns.rows(times_ns), columns.of_ticks(times_ns)
-    quaternion[rows[there]] = wxyz(quaternions[there])
-    known = _posed(times_ns, places_m) & there
-    position_m[rows[known]] = places_m[known]
+    known = _posed(times_ns, places_m) & columns.of_ticks(times_ns)
+    rows = columns.rows(times_ns[known])
+    position_m[rows], quaternion[rows] = places_m[known], wxyz(quaternions[known])
+    alone = columns.samples(ORIENTATION)
+    quaternion[alone.rows] = alone.values
     return position_m, quaternion
 
 

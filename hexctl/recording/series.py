@@ -58,6 +58,7 @@ MARGIN = Series(
     (MARGIN_COLOR,),
     widths=(2.0,),
 )
+ORIENTATION = Series("orientation", "orientation", ("w", "x", "y", "z"), LEG_COLORS[:4])
 SUSPICION = Series(
     "leg_suspicion",
     "evidence, alarm at 1",

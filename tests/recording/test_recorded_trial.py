@@ -28,6 +28,16 @@ def read(tmp_path_factory: Any, trial: Trial) -> RecordedTrial:
     return read_trial(write(tmp_path_factory.mktemp("read") / "a.rrd", trial, block_ticks=40))
 
 
+def test_position_and_orientation_are_known_tick_by_tick(trial: Trial, tmp_path: Path) -> None:
+    place, turn = trial.log["base_position_world"].copy(), trial.log["base_quaternion_world"].copy()
+    place[10:20], turn[30:40], place[50:60], turn[50:60] = (np.nan,) * 4
+    for positions in (place, np.full_like(place, np.nan)):
+        gaps = trial.with_columns(base_position_world=positions, base_quaternion_world=turn)
+        read = read_trial(write(tmp_path / f"{np.isnan(positions).sum()}.rrd", gaps))
+        assert read.base_position_world == pytest.approx(positions, abs=8e-6, nan_ok=True)
+        assert read.base_quaternion_world == pytest.approx(turn, abs=8e-6, nan_ok=True)
+
+
 @pytest.mark.slow
 def test_it_is_what_was_walked(read: RecordedTrial, trial: Trial) -> None:
     log = trial.log

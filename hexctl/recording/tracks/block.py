@@ -113,10 +113,13 @@ class Block:
         """
         known = np.isfinite(values).reshape(rows.size, len(series.names))
         there = known.any(axis=-1)
-        if there.any():
-            numbers = rounded(np.where(known, values.reshape(known.shape), np.nan)[there], series.bits)
-            scalars = self._rr.Scalars.columns(scalars=numbers.ravel())
-            self.send(series.path, rows[there], scalars.partition(np.full(len(numbers), len(series.names))))
+        self.send_numbers(series, rows[there], np.where(known, values.reshape(known.shape), np.nan)[there])
+
+    def send_numbers(self, series: Series, rows: NDArray[np.int64], values: FloatArray) -> None:
+        """Send numbers of a series for rows, (rows, numbers), NaN for unknown ones; nothing for no rows."""
+        if rows.size:
+            scalars = self._rr.Scalars.columns(scalars=rounded(values, series.bits).ravel())
+            self.send(series.path, rows, scalars.partition(np.full(rows.size, len(series.names))))
 
     def send_vectors(self, series: Series, values: FloatArray) -> None:
         """Send numbers of a series for all rows, with the time of day of each tick to the nanosecond."""

@@ -8,7 +8,7 @@ import numpy as np
 from hexctl.columns import FINE_BITS, RECORDED, Column
 from hexctl.recording import paths
 from hexctl.recording.rrd import load_rerun
-from hexctl.recording.series import SENSORS, SERVOS, VECTORS, Series, rounded
+from hexctl.recording.series import ORIENTATION, SENSORS, SERVOS, VECTORS, Series, rounded
 from hexctl.recording.tracks.balance import Tally, send_balance
 from hexctl.recording.tracks.block import DRAWN_BITS, DRAWN_TICKS, Block, Rows, turn_column
 from hexctl.recording.tracks.course import send_course, send_deviation, send_ribbon, send_trail, send_velocity
@@ -56,6 +56,13 @@ def _send_pose(block: Block, rows: Rows, position: FloatArray, quaternion: Float
     block.send(paths.ROBOT, rows, pose)
 
 
+def _send_orientation(block: Block) -> None:
+    """Send the orientation, NaN if unknown, where the drawn body does not show it."""
+    quaternion = block.column("base_quaternion_world")
+    rows = np.flatnonzero(block.posed != np.isfinite(quaternion[:, 0]))
+    block.send_numbers(ORIENTATION, rows, quaternion[rows])
+
+
 def _send_leg(block: Block, leg: int) -> None:
     """Send measured angles as rotations of the links, if they change visibly."""
     first = JOINTS_PER_LEG * (leg - 1)
@@ -95,6 +102,7 @@ def _send_servos(block: Block) -> None:
 #: Tracks after the legs, in this order.
 PARTS: tuple[Callable[[Block], None], ...] = (
     _send_base,
+    _send_orientation,
     send_phases,
     send_gait,
     send_guard,
