@@ -19,7 +19,7 @@ CEILINGS = {
     "identify": 1_665,
     "ik": 1_190,
     "learning": 435,
-    "recording": 3_820,
+    "recording": 3_830,
     "robot": 6_995,
     "runs": 1_045,
     "server": 3_980,
