@@ -2,8 +2,8 @@
 
     .venv/bin/python docs/make_wiring_figures.py [FOLDER]
 
-Writes wiring-bus.svg, wiring-servo2040.svg and wiring-pca9685.svg, to docs/images without FOLDER. They are
-drawn on white, so that they are legible on dark pages too.
+Writes wiring-bus.svg and a picture of each board, to docs/images without FOLDER. They are drawn on white, so
+that they are legible on dark pages too.
 """
 
 import sys
@@ -93,24 +93,37 @@ BUS = (
     ),
 )
 
-SERVO2040 = (
-    (
-        *SUPPLY,
-        *COMPUTER,
-        Box(6.3, 1.0, 2.6, 2.5, 'servo2040\n\ntrace\n"Separate USB and\nExt. Power" cut'),
-        Box(10.6, 2.0, 2.0, 1.5, "18 hobby servos\noutputs 0 to 17"),
-    ),
-    (
-        *SUPPLY_WIRES,
-        *COMPUTER_WIRES,
-        Wire("servos", ((5.4, 3.05), (6.3, 3.05))),
-        Wire("ground", ((0.85, 2.6), (0.85, 2.0), (6.3, 2.0))),
-        Wire("data", ((4.2, 0.75), (7.2, 0.75), (7.2, 1.0)), "USB"),
-        Wire("pulse", ((8.9, 3.2), (10.6, 3.2)), "18 x"),
-        Wire("servos", ((8.9, 2.8), (10.6, 2.8))),
-        Wire("ground", ((8.9, 2.4), (10.6, 2.4))),
-    ),
+
+def on_usb(board: str, servos: str) -> tuple[tuple[Box, ...], tuple[Wire, ...]]:
+    """A board at a USB cable, with the supply of its servos."""
+    return (
+        (*SUPPLY, *COMPUTER, Box(6.3, 1.0, 2.6, 2.5, board), Box(10.6, 2.0, 2.0, 1.5, servos)),
+        (
+            *SUPPLY_WIRES,
+            *COMPUTER_WIRES,
+            Wire("servos", ((5.4, 3.05), (6.3, 3.05))),
+            Wire("ground", ((0.85, 2.6), (0.85, 2.0), (6.3, 2.0))),
+            Wire("data", ((4.2, 0.75), (7.2, 0.75), (7.2, 1.0)), "USB"),
+            Wire("pulse", ((8.9, 3.2), (10.6, 3.2)), "18 x"),
+            Wire("servos", ((8.9, 2.8), (10.6, 2.8))),
+            Wire("ground", ((8.9, 2.4), (10.6, 2.4))),
+        ),
+    )
+
+
+SERVO2040 = on_usb(
+    'servo2040\n\ntrace\n"Separate USB and\nExt. Power" cut', "18 hobby servos\noutputs 0 to 17"
 )
+
+MAESTRO_BOXES, MAESTRO_WIRES = on_usb(
+    "Mini Maestro\n\nservo rail, jumper\nVSRV=VIN removed", "18 hobby servos\nchannels 0 to 17"
+)
+MAESTRO = (
+    (*MAESTRO_BOXES, Box(10.6, 0.3, 2.0, 1.2, "6 foot switches\nto 5 V, 10 kOhm\nto ground")),
+    (*MAESTRO_WIRES, Wire("data", ((8.9, 1.3), (10.6, 1.3)), "inputs")),
+)
+
+SSC32 = on_usb("SSC-32U\n\nVS1 and VS2, jumper\nVS1=VL removed", "18 hobby servos\nchannels 0 to 31")
 
 PCA9685 = (
     (
@@ -191,7 +204,14 @@ def main(folder: Path) -> None:
     """Write the pictures into a folder."""
     mpl.rcParams["svg.hashsalt"] = "hexctl"  # the same file each time
     folder.mkdir(parents=True, exist_ok=True)
-    for name, parts in (("bus", BUS), ("servo2040", SERVO2040), ("pca9685", PCA9685)):
+    pictures = {
+        "bus": BUS,
+        "servo2040": SERVO2040,
+        "pca9685": PCA9685,
+        "maestro": MAESTRO,
+        "ssc32": SSC32,
+    }
+    for name, parts in pictures.items():
         wiring(*parts).savefig(folder / f"wiring-{name}.svg", metadata={"Date": None})
 
 

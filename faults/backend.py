@@ -57,6 +57,11 @@ class Backend:
         return self.name in BOARDS
 
     @property
+    def goes_limp(self) -> bool:
+        """Whether its board ends the pulses by itself if nothing commands it."""
+        return self.hobby and find_board(self.name).has_watchdog
+
+    @property
     def kinds(self) -> frozenset[str]:
         """Words of the faults that its simulated board of hobby servos knows; none for others."""
         return frozenset(resolve_name(find_board(self.name).simulated).kinds if self.hobby else ())
@@ -85,6 +90,9 @@ BACKENDS = {
         Backend(name="feetech", base="phantomx", servos={**ON_A_BUS, "model": "sts3215"}),
         Backend(name="lx16a", base="phantomx", servos={**ON_A_BUS, "model": "lx16a"}, moves_take_time=True),
         Backend(name="servo2040", servos={"tibia": {"offset_deg": 40}}),
-        Backend(name="pca9685", servos={"tibia": {"offset_deg": 40}, "if_computer_dies": "hold"}),
+        *(
+            Backend(name=board, servos={"tibia": {"offset_deg": 40}, "if_computer_dies": "hold"})
+            for board in ("pca9685", "maestro", "ssc32")
+        ),
     )
 }

@@ -29,6 +29,7 @@ OWN_SIMULATION = "each trial makes its own simulation"
 SERVED_TWIN = "the simulation is part of the server, and ends or freezes with it"
 WIRE = "a wire delivers in order and immediately"
 CHECKED = "TCP delivers no garbled bytes"
+LIMP = "its own serial timeout ends the pulses, and the robot drops; a test measures when"
 NO_SUPPLY = "these servos have no supply that can be measured"
 NO_FEEDBACK = "these servos measure nothing"
 NO_TEMPERATURE = "no temperature is measured"
@@ -45,6 +46,8 @@ def why_not(fault: Fault, backend: Backend, phase: str) -> str | None:
             return ONE_PROCESS
     if name in ("server-killed", "server-frozen") and backend.name == "zenoh":
         return SERVED_TWIN
+    if name in ("server-killed", "server-frozen", "cable-out") and backend.goes_limp:
+        return LIMP
     if name in ("reorder", "delay-0.05", "delay-0.3") and (backend.serial_bus or backend.hobby):
         return WIRE
     if name == "garbled" and backend.name == "zenoh":

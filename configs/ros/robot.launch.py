@@ -22,7 +22,10 @@ from launch_ros.actions import Node
 #: Arguments with their defaults and meanings.
 ARGUMENTS = {
     "robot": ("ant", "name of a shipped robot, or the path of its YAML file"),
-    "backend": ("sim", "what moves: sim, feetech, dynamixel, lx16a, servo2040, pca9685, mavlink"),
+    "backend": (
+        "sim",
+        "what moves: sim, mavlink, or a driver: feetech, dynamixel, lx16a, pca9685, maestro ...",
+    ),
     "port": ("", "port of the servos, such as /dev/ttyUSB0:1000000; empty for that of the robot file"),
     "drive": ("false", "whether ROS may move the robot: whoever reaches the router may then drive it"),
     "namespace": ("", "namespace of the node and its topics, such as lab/ant"),

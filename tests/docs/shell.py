@@ -22,6 +22,7 @@ import typer
 
 from hexctl.cli.main import app, exit_code
 from hexctl.robot.plugins import plugins
+from hexctl.robot.servos.drivers import BOARDS, FAMILIES
 from tests.docs.pages import PAGES, ROOT, commands
 from tests.server.processes import free_port, program
 
@@ -119,7 +120,7 @@ def made_by(words: Sequence[str]) -> list[list[str]]:
 
 
 #: Backends of servos on a port.
-ON_A_PORT = {"dynamixel", "feetech", "lx16a", "hiwonder", "servo2040", "pca9685"}
+ON_A_PORT = {*FAMILIES, *BOARDS, "hiwonder"}
 
 
 class Shell:

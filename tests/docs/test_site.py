@@ -189,7 +189,9 @@ FIGURES = {
     "make_gait_figures.py": ["foot.svg", "frames.svg", "gaits.svg", "leg.svg"],
     "make_plug_figure.py": ["plugs.svg"],
     "make_result_figures.py": ["holds.svg", "search.svg"],
-    "make_wiring_figures.py": ["wiring-bus.svg", "wiring-pca9685.svg", "wiring-servo2040.svg"],
+    "make_wiring_figures.py": [
+        f"wiring-{name}.svg" for name in ("bus", "maestro", "pca9685", "servo2040", "ssc32")
+    ],
 }
 
 
