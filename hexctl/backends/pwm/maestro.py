@@ -13,6 +13,7 @@ With CRC a CRC-7 follows each command. Each new error sends all channels home, a
 Center: off, to a position, or unchanged. Silence for the serial timeout is such an error.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
@@ -50,8 +51,8 @@ PER_US = 4
 #: An input above half of its 5 V is that of a foot on the floor.
 TOUCHED, MOST_INPUT = 512, 1023
 
-#: How long an answer may take, how often a board is asked, and the speed of the usual line.
-REPLY_S, TRIES, BAUD = 0.05, 4, 115_200
+#: How long an answer may take, how often a board is asked, the usual speed, and looks that show a limit.
+REPLY_S, TRIES, BAUD, SEEN = 0.05, 4, 115_200, 3
 
 #: Serial timeout that is tested at the start, and by how much longer hexctl is silent for it.
 TESTED_S, MARGIN_S = 0.5, 0.05
@@ -151,9 +152,12 @@ class Maestro:
     def __init__(self, line: SerialLine, pwm_map: PwmMap) -> None:
         self._line, self._map, self._settings = line, pwm_map, settings_of(pwm_map)
         self._order = np.argsort(pwm_map.outputs)
-        self._sent = np.zeros(N_JOINTS, dtype=np.int64)  # in quarters of a microsecond
+        boards = range(len(self._settings.devices))
+        self._error_questions = [self._settings.command(board, ERRORS) for board in boards]
+        self._before = self._sent = np.zeros(N_JOINTS, dtype=np.int64)  # in quarters of a microsecond
         self._looked_at = 0
         self._fault: str | None = None
+        self._ends = Counter[tuple[int, int]]()  # joints and their pulses that were not as sent
         self.notes: list[str] = []
         self._errors_at_first = self._identify()
         self._lift_limits()
@@ -186,8 +190,8 @@ class Maestro:
         Eighteen servos that start together would break down their supply again.
         """
         joint = self._looked_at = (self._looked_at + 1) % N_JOINTS
-        position = self._ask([self._position(int(self._map.outputs[joint]))])
-        if position is not None and position[0] != self._sent[joint]:
+        made = self._ask([self._position(int(self._map.outputs[joint]))])
+        if made is not None and made[0] != self._sent[joint]:
             self._inspect()
         if self._fault is None:
             self._send(np.where(on, np.rint(PER_US * np.nan_to_num(pulses_us)), 0))
@@ -225,10 +229,6 @@ class Maestro:
     def close(self) -> None:
         """Close the line; the boards repeat the last pulses until their serial timeout."""
         self._line.close()
-
-    @property
-    def _error_questions(self) -> list[bytes]:
-        return [self._settings.command(board, ERRORS) for board in range(len(self._settings.devices))]
 
     def _channel(self, output: int, command: int, *data: int) -> bytes:
         """Command for the channel of an output or input."""
@@ -284,28 +284,29 @@ class Maestro:
 
     def _inspect(self, errors: int = 0) -> tuple[str, ...] | None:
         """Look at all pulses, for a fault if channels went home; warnings, or None without an answer."""
-        questions = self._error_questions
-        answers = self._ask([*questions, *map(self._position, self._map.outputs.tolist())])
+        boards = len(self._error_questions)
+        answers = self._ask([*self._error_questions, *map(self._position, self._map.outputs.tolist())])
         if answers is None:
             return None
-        errors |= int(np.bitwise_or.reduce(answers[: len(questions)]))
+        errors |= int(np.bitwise_or.reduce(answers[:boards]))
         names = [name for bit, name in enumerate(ERROR_NAMES) if errors >> bit & 1]
-        found = np.array(answers[len(questions) :])
-        differ = found != self._sent
-        if (differ & ((found == 0) | bool(errors))).any():
+        differ = (found := np.array(answers[boards:])) != self._sent
+        if differ.any() and (errors or not found[self._sent > 0].any()):
             why = f"after a {' and a '.join(names)}" if names else "as after a loss of power or a bad line"
             self._fault = f"the Maestro has switched its servos off, {why}"
             return ()
         if not differ.any():
             return tuple(f"the Maestro reports a {name}" for name in names)
-        name = self._map.servo_name(int(np.flatnonzero(differ)[0]))
-        note = f"the Maestro limits the pulses of {name}; set its Min and Max in Maestro Control Center"
-        if note not in self.notes:
-            self.notes.append(note)
+        end = self._looked_at, int(found[self._looked_at])
+        self._ends[end] += bool(differ[self._looked_at] and (found != self._before).any())  # not a lost pose
+        if self._ends[end] == SEEN:
+            name = self._map.servo_name(self._looked_at)
+            self.notes.append(f"the Maestro limits pulses of {name}; set its Min and Max in Control Center")
+            self._ends[end] += 1
         return ()
 
     def _send(self, quarters: FloatArray) -> None:
-        self._sent = quarters.astype(np.int64)
+        self._before, self._sent = self._sent, quarters.astype(np.int64)
         outputs, values = self._map.outputs[self._order], self._sent[self._order]
         self._line.write(self._settings.pose(outputs.tolist(), values.tolist()))
 
@@ -326,8 +327,7 @@ class MaestroServos(SerialPwmServos):
     _notes: list[str] | None = None
 
     def _pose_bytes(self) -> int:
-        settings = settings_of(self._map)
-        return len(settings.pose(sorted(self._map.outputs.tolist()), [0] * N_JOINTS))
+        return len(settings_of(self._map).pose(sorted(self._map.outputs.tolist()), [0] * N_JOINTS))
 
     def _board(self, line: SerialLine) -> Maestro:
         board = Maestro(line, self._map)

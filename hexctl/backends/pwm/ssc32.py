@@ -34,6 +34,9 @@ US_PER_COUNT = 10
 #: How long an answer may take, beyond the guide's 5 ms, and how often a question is repeated.
 REPLY_S, SLOWEST_S, TRIES = 0.04, 0.005, 4
 
+#: Looks in a row at pulses that were not sent, after which the board does not obey.
+STRANGE = 10
+
 #: How often the pulses are looked at on a line that has no time for it in every control period.
 LOOK_S = 0.1
 
@@ -71,6 +74,7 @@ class Ssc32:
         self._heard_s = self._asked_s = line.time.now()
         self._looked_at = 0
         self._fault: str | None = None
+        self._strange = 0
         in_time = line.wire_s(TEXT_BYTES if fits(TEXT_BYTES, line.baud) else BINARY_BYTES) + SLOWEST_S
         self._look_s = 0.0 if in_time < PERIOD_S else LOOK_S
 
@@ -139,16 +143,21 @@ class Ssc32:
             self._heard_s = self._line.time.now()
             sent = int(self._sent[joint])
             if (pulse > 0) == (sent > 0) and abs(pulse - sent) <= US_PER_COUNT:
+                self._strange = 0
                 return True
             made.append(pulse)
         if len(set(made)) == 1 and self._fault is None:
-            channel = f"channel {self._channels[joint]}"
-            self._fault = (
-                f"the SSC-32 makes {made[0]} us at {channel} and not {sent}: does something else command it?"
-                if made[0]
-                else f"the SSC-32 has switched {channel} off, as after a loss of power"
-            )
+            self._doubt(self._channels[joint], made[0])
         return True
+
+    def _doubt(self, channel: int, pulse: int) -> None:
+        """Judge a pulse that was not sent: all are off after a loss of power, a few poses may get lost."""
+        self._strange += 1
+        powered = np.flatnonzero(self._sent)
+        if pulse == 0 and powered.size and self._surely(self._channels[powered[0]]) == 0:
+            self._fault = "the SSC-32 has switched its servos off, as after a loss of power"
+        elif self._strange >= STRANGE:
+            self._fault = f"the SSC-32 makes {pulse} us at channel {channel}: does something else command it?"
 
     def _identify(self) -> str:
         """Firmware of the board."""

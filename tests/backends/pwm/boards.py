@@ -1,5 +1,6 @@
 """Simulated boards of hobby servos: in a thread of the test, or in memory on simulated time."""
 
+import random
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pkgutil import resolve_name
@@ -73,6 +74,17 @@ def servos_on(board: MemoryDevice[Any], pwm_map: PwmMap | None = None) -> Any:
     used = pwm_map or board.board._map
     make = find_board(used.driver).servos
     return make(shipped(), pwm_map=used, port=board.path, clock=board.time.clock())
+
+
+def loses_poses(device: MemoryDevice[Any], share: float = 0.2) -> None:
+    """Let poses of 30 bytes or more get lost on their way to a board, at random."""
+    receive, rng = device.receive, random.Random(1)
+
+    def lossy(timeout_s: float) -> bytes:
+        data = receive(timeout_s)
+        return b"" if len(data) >= 30 and rng.random() < share else data
+
+    device.receive = lossy  # type: ignore[method-assign]
 
 
 def i2c_servos_on(board: Pca9685Board) -> Pca9685Servos:

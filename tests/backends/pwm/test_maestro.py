@@ -19,7 +19,7 @@ from hexctl.testing.servo_conformance import move
 from hexctl.types import FloatArray
 from hexctl.waiting import wait_for
 from tests.backends.powering import HobbyServosConformance
-from tests.backends.pwm.boards import a_map, memory_board, servos_on
+from tests.backends.pwm.boards import a_map, loses_poses, memory_board, servos_on
 from tests.backends.standing import next_state, stand, until
 from tests.robots import shipped
 
@@ -193,9 +193,18 @@ def test_an_error_that_changes_no_pulse_is_only_a_warning() -> None:
 
 def test_pulses_that_the_board_limits_are_named_with_their_channel() -> None:
     with memory_board(maestro_map(), "narrow") as running, servos_on(running) as servos:
-        warned = until(servos, lambda state: any("Min and Max" in each for each in state.warnings))
-        assert "channel " in warned.warnings[0]
+        warned = until(servos, lambda state: state.warnings, offset_rad=0.1)
+        assert "limits pulses of channel " in warned.warnings[0]
         assert warned.healthy
+
+
+def test_lost_poses_stop_nothing_and_are_no_limits() -> None:
+    with memory_board(maestro_map()) as running, servos_on(running) as servos:
+        until(servos, lambda _: (running.board.pulses_us() > 0).all())
+        loses_poses(running)
+        for tick in range(300):
+            state = stand(servos, 1, 0.1 * np.sin(0.1 * tick))
+            assert (state.fault, state.warnings) == (None, ())
 
 
 def test_garbled_answers_stop_nothing() -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hexctl.backends.pwm.pwm_map import PwmMap
@@ -12,7 +13,7 @@ from hexctl.simulators.ssc32_board import SimulatedSsc32
 from hexctl.types import FloatArray
 from tests.backends.bus.boards import MemoryDevice
 from tests.backends.powering import HobbyServosConformance
-from tests.backends.pwm.boards import a_map, memory_board, servos_on
+from tests.backends.pwm.boards import a_map, loses_poses, memory_board, servos_on
 from tests.backends.standing import stand, until
 from tests.robots import shipped
 
@@ -98,6 +99,21 @@ def test_lost_pulses_are_a_fault_until_the_torque_was_off() -> None:
         servos.disable_torque()
         until(servos, lambda state: state.healthy, write=False)
         until(servos, lambda _: (running.board.pulses_us() > 0).all())
+
+
+def test_lost_poses_stop_nothing() -> None:
+    with memory_board(ssc32_map()) as running, servos_on(running) as servos:
+        until(servos, lambda _: (running.board.pulses_us() > 0).all())
+        loses_poses(running)
+        assert all(stand(servos, 1, 0.1 * np.sin(0.1 * tick)).healthy for tick in range(300))
+
+
+def test_pulses_of_another_program_are_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    with memory_board(ssc32_map()) as running, servos_on(running) as servos:
+        until(servos, lambda _: (running.board.pulses_us() > 0).all())
+        monkeypatch.setattr(running.board.board, "_move", lambda *_: None)  # another one's, all the time
+        fault = until(servos, lambda state: not state.healthy, offset_rad=0.2).fault
+        assert "something else" in str(fault)
 
 
 @pytest.mark.parametrize("fault", ["garble:0.2@2", "torn:0.1@2"])
