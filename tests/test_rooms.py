@@ -8,7 +8,7 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 CEILINGS = {
     "": 2_440,
     "adapt": 7_705,
-    "backends": 11_595,
+    "backends": 11_605,
     "cli": 6_505,
     "client": 1_020,
     "control": 13_475,
