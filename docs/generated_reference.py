@@ -79,6 +79,33 @@ def world_reference() -> str:
     return _sections({"Keys of a world file": World, "Keys of a family of worlds": DomainRandomization})
 
 
+def register_reference() -> str:
+    """Fields of the registers of bus servos, with the comments that explain them."""
+    from hexctl.backends.bus.families import registers
+
+    parts = []
+    for kind in (
+        registers.RegisterTable,
+        registers.Register,
+        registers.RequiredValue,
+        registers.FactoryValue,
+    ):
+        texts = _comments(kind) | _attributes(kind)
+        rows = [(each.name, f"`{_short(each.type)}`", texts.get(each.name, "")) for each in fields(kind)]
+        parts += [f"### {kind.__name__}", _summary(kind), _table(("Field", "Type", "Meaning"), rows)]
+    return "\n\n".join(parts)
+
+
+def _short(kind: Any) -> str:
+    """An annotation without the names of modules."""
+    return re.sub(r"(\w+\.)+(?=\w)", "", inspect.formatannotation(kind))
+
+
+def _comments(kind: type) -> dict[str, str]:
+    """Comments behind the fields of a dataclass, by name."""
+    return dict(re.findall(r"^    (\w+): .*?  # (.+)$", inspect.getsource(kind), re.MULTILINE))
+
+
 def result_reference() -> str:
     """Keys of a result in JSON and their meaning, and the causes of a walk without progress."""
     from hexctl.control.scoring.cause import CAUSES
@@ -256,5 +283,6 @@ PARTS: dict[str, Callable[[], str]] = {
     "commands": command_reference,
     "robot": robot_reference,
     "world": world_reference,
+    "registers": register_reference,
     "result": result_reference,
 }

@@ -212,7 +212,7 @@ def shown(value: object) -> str:
     short = Repr()
     short.maxlevel, short.maxlist, short.maxstring, short.maxother = 3, 20, 60, 60
     try:
-        text = short.repr(value).replace("\n", " ")
+        text = re.sub(" at 0x[0-9a-f]+", "", short.repr(value).replace("\n", " "))
     except ValueError:  # Python writes no whole number of more than 4300 digits
         text = f"a {type(value).__name__} that is too long to show"
     return text if len(text) <= MOST_SHOWN else text[:MOST_SHOWN] + "..."

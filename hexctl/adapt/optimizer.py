@@ -1,5 +1,6 @@
 """The interface of all optimizers: ask for codes, tell their scores, save and restore exactly."""
 
+import json
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -15,6 +16,7 @@ from hexctl.control.planning.top_speed import Stride
 from hexctl.control.trial import Enough
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import HexctlError, InputError, argument, check_type
+from hexctl.robot.plugins import label_of, why
 from hexctl.types import ArrayFields, FloatArray
 
 #: Outcomes of walks that ended early, and so say nothing about where the gait ends.
@@ -208,8 +210,8 @@ class Optimizer(ABC):
         codes = range(1, self.space.size + 1)
         if not 0 < len(suggested) <= count or not all(code in codes for code in suggested):
             raise InputError(
-                f"{argument('optimizer')}: {self.name} suggested {list(suggested)[:10]}; "
-                f"allowed: 1 to {count} codes from 1 to {self.space.size}"
+                f"{argument('optimizer')}: {self.name} ({label_of(type(self))}) suggested "
+                f"{list(suggested)[:10]}; allowed: 1 to {count} codes from 1 to {self.space.size}"
             )
         self._asked = [int(code) for code in suggested]
         return list(self._asked)
@@ -246,13 +248,19 @@ class Optimizer(ABC):
         )
 
     def state(self) -> dict[str, Any]:
-        """State of the search, as JSON values."""
+        """State of the search, as JSON values; raises InputError for others in `_search_state`."""
+        search = self._search_state()
+        try:
+            json.dumps(search)
+        except (TypeError, ValueError) as error:
+            got = f"{argument('optimizer')}: the state of {label_of(type(self))} cannot be stored"
+            raise InputError(f"{got} ({why(error)}); allowed: JSON values from _search_state") from error
         return {
             "name": self.name,
             "failed_legs": list(self.space.failed_legs),
             "random": self._random.bit_generator.state,
             "asked": None if self._asked is None else list(self._asked),
-            "search": self._search_state(),
+            "search": search,
         }
 
     def restore(self, state: dict[str, Any]) -> None:

@@ -10,6 +10,8 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 
 from hexctl.backends.clock import PERIOD_S, request_realtime_priority
+from hexctl.errors import HexctlError
+from hexctl.robot.plugins import custom_failure, show_traceback
 from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.types import FloatArray
 
@@ -221,5 +223,7 @@ class PortThread(ABC, Generic[Device]):
 
 
 def reason_of(error: Exception) -> str:
-    """An error in few words."""
-    return getattr(error, "strerror", None) or str(error) or type(error).__name__
+    """An error in few words; one of custom code names it."""
+    show_traceback(error)
+    custom = None if isinstance(error, OSError | HexctlError) else custom_failure(error)
+    return custom or getattr(error, "strerror", None) or str(error) or type(error).__name__

@@ -15,7 +15,7 @@ from hexctl.errors import InputError, MissingExtraError, UnusedError, argument
 from hexctl.robot.failure import Failure, FailureEvent
 from hexctl.robot.loader import RobotFile
 from hexctl.robot.model import Robot
-from hexctl.robot.plugins import load_custom, plugin_names
+from hexctl.robot.plugins import load_custom, made_by, plugin_names
 from hexctl.robot.servos.drivers import BOARDS, FAMILIES, all_drivers, is_board, is_driver
 from hexctl.robot.servos.raw_map import RawMap
 from hexctl.robot.servos.servo_map import ServoMap, default_servo_map
@@ -109,7 +109,7 @@ def find_backend(name: str) -> Backend | None:
 
 def has_keeper(name: str) -> bool:
     """Whether a keeper lets the robot of a backend down if its server dies."""
-    return find_board(name).has_keeper if is_board(name) else is_driver(name)
+    return find_board(name, named=argument("backend")).has_keeper if is_board(name) else is_driver(name)
 
 
 def backend_names() -> tuple[str, ...]:
@@ -210,13 +210,14 @@ def _bus(options: BackendOptions, *, driver: str) -> LegServos:
     from hexctl.backends.serial_ports import SerialAddress
 
     section, file = options.servos_section, options.robot_file
-    bus_map = bus_map_of(section, driver, None if file is None else file.p_gain)
+    p_gain = None if file is None else file.p_gain
+    bus_map = bus_map_of(section, driver, p_gain, named=argument("backend"))
     address = SerialAddress.parse(options.port or section.port, section.baud or bus_map.family.bauds[0])
     return BusServos(options.robot, bus_map=bus_map, port=address.path, baud=address.baud)
 
 
 def _board(options: BackendOptions, *, driver: str) -> LegServos:
-    board, section = find_board(driver), options.servos_section
+    board, section = find_board(driver, named=argument("backend")), options.servos_section
     pwm_map = pwm_map_of(section, driver)
     port = board.parse_port(options.port or section.port, section.baud)
     return board.servos(options.robot, pwm_map=pwm_map, port=port)
@@ -233,15 +234,7 @@ def _make_own(name: str, options: BackendOptions) -> LegServos:
     given = _given(options, accepted)
     if "servo_map" in accepted:
         given["servo_map"] = options.servo_map
-    try:
-        made = own(options.robot, **given)
-    except (AttributeError, TypeError, ValueError) as error:
-        raise InputError(
-            f"{argument('backend')}: {label} cannot be made ({error}); allowed: {_ALLOWED}"
-        ) from error
-    if not isinstance(made, LegServos):
-        raise InputError(f"{argument('backend')}: {label} made a {type(made).__name__}; allowed: {_ALLOWED}")
-    return made
+    return made_by(lambda: own(options.robot, **given), label, LegServos, "backend", _ALLOWED)  # type: ignore[type-abstract]
 
 
 def _given(options: BackendOptions, accepted: Container[str]) -> dict[str, Any]:

@@ -21,7 +21,7 @@ def _offered(words: Callable[[], Iterable[str]]) -> Callable[[str], Words]:
 
     def complete(incomplete: str) -> Words:
         try:
-            return [word for word in words() if word.startswith(incomplete)]
+            return [word for word in dict.fromkeys(words()) if word.startswith(incomplete)]
         except (HexctlError, OSError):
             return []
 
@@ -97,6 +97,14 @@ def drivers() -> Iterable[str]:
     from hexctl.robot.servos.drivers import bus_drivers
 
     return bus_drivers()
+
+
+@_offered
+def buses() -> Iterable[str]:
+    """Families of bus servos, and boards."""
+    from hexctl.robot.servos.drivers import all_drivers
+
+    return all_drivers()
 
 
 served_backends = _offered(lambda: [name for name in backends("") if name != "zenoh"])

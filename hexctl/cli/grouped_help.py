@@ -22,6 +22,12 @@ METAVARS = {"<int>": "N", "<float>": "N", "<path>": "FILE"}
 class GroupedHelp:
     """A command that shows its options in groups."""
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse arguments; `--help-all` is `--help` without hidden options."""
+        if args[:1] == ["--help-all"] and all(one.name != "help_all" for one in ctx.command.params):
+            args = ["--help"]
+        return super().parse_args(ctx, args)  # type: ignore[misc, no-any-return]
+
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write arguments, then options."""
         every = self.get_params(ctx)  # type: ignore[attr-defined]

@@ -30,8 +30,9 @@ from hexctl.errors import (
     printable,
     room_hint,
     shortened,
+    shown,
 )
-from hexctl.robot.plugins import find_plugin, plugin_names, plugins
+from hexctl.robot.plugins import custom_failure, find_plugin, plugin_names, plugins, show_traceback
 
 
 class _Loaded(Mapping[str, Any]):
@@ -85,6 +86,18 @@ class _Commands(HelpGroup):
                 raise
             return TyperCommand(cmd_name)  # completes to nothing: the shell has no place for messages
 
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command; an unexpected error of custom code becomes one line that names it."""
+        try:
+            return super().invoke(ctx)
+        except (TyperException, typer.Exit, typer.Abort, BrokenPipeError):
+            raise
+        except Exception as error:
+            show_traceback(error)
+            if isinstance(error, HexctlError | MemoryError) or (text := custom_failure(error)) is None:
+                raise
+            raise HexctlError(text) from error
+
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of all commands, in the order of the help."""
         return list(self.commands)
@@ -103,12 +116,15 @@ def _build(name: str, declared: Command) -> Any:
     raise_deferred()
     app = Commands()
     if isinstance(found, typer.Typer):
-        own: dict[str, Any] = {} if found.registered_callback else {"help": declared.summary}
-        app.add_typer(found, name=name, rich_help_panel=declared.panel, **own)
+        app.add_typer(found, name=name, rich_help_panel=declared.panel)
     else:
         kind = getattr(module, "COMMAND_CLASS", SettingsCommand)
         app.command(name, rich_help_panel=declared.panel, cls=kind)(found)
-    return get_group(app).commands[name]
+    built = get_group(app).commands[name]
+    built.help = built.help or declared.summary
+    if isinstance(found, typer.Typer):
+        built.context_settings.setdefault("help_option_names", ["--help", "-h", "--help-all"])
+    return built
 
 
 def _load(name: str, folder: str | None) -> tuple[ModuleType, Any]:
@@ -121,7 +137,7 @@ def _load(name: str, folder: str | None) -> tuple[ModuleType, Any]:
         raise InputError(f"{name}: its entry point is missing; install hexctl again")
     found = plugin.load()
     if not callable(found) or isinstance(found, type):
-        raise InputError(f"{plugin}: got a {type(found).__name__}; allowed: a function or a typer.Typer")
+        raise InputError(f"{plugin}: got {shown(found)}; allowed: a function or a typer.Typer")
     return sys.modules[plugin.entry.module], found
 
 

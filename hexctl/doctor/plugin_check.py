@@ -13,8 +13,8 @@ from hexctl.backends.pwm.pulse_board import PulseBoard, find_board
 from hexctl.backends.registry import BACKENDS
 from hexctl.control.monitor.recovery import RECOVERIES, Recovery
 from hexctl.doctor.settings_check import without_home
-from hexctl.errors import HexctlError
-from hexctl.robot.plugins import Door, Plugin, find_plugin, plugins
+from hexctl.errors import HexctlError, shown
+from hexctl.robot.plugins import Door, Plugin, find_plugin, plugins, show_traceback
 from hexctl.robot.servos.drivers import BOARDS, FAMILIES
 
 #: How users find the objects of doors whose names must fit.
@@ -72,10 +72,13 @@ def _problem(plugin: Plugin, taken: Container[str], kind: Any) -> str | None:
         finder = FINDERS.get(plugin.door)
         found: Any = plugin.load() if finder is None else finder(plugin.entry.name)
     except HexctlError as error:
-        return without_home(str(error))
+        show_traceback(error)
+        text = without_home(str(error))
+        return text.partition(str(plugin))[2].lstrip(": ") or text
     is_class = isinstance(found, type)
+    factory = not is_class and callable(found)
     if kind is Callable:
-        return None if callable(found) and not is_class else f"{plugin} is no function"
+        return None if factory else f"got {shown(found)}; allowed: a function"
     fits = issubclass(found, kind) if is_class else isinstance(found, kind)
-    factory = plugin.door == "servos" and not is_class and callable(found)
-    return None if fits or factory else f"{plugin} is no {kind.__name__}"
+    allowed = fits or (plugin.door == "servos" and factory)
+    return None if allowed else f"got {shown(found)}; allowed: a class of {kind.__name__}"

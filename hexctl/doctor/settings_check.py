@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hexctl.robot.plugins import DEBUG
 from hexctl.settings import CHOSEN, COMMON, PREFIX, find_settings
 
 #: Settings that name other computers, by the last word of their key; their values are hidden.
@@ -44,7 +45,7 @@ def read_settings_found(is_option: Callable[[str], bool] = no_option) -> Setting
         key = word if word in COMMON else name
         if key in COMMON or is_option(key):
             found[key] = SettingFound(key=key, value=_anonymous(key, text), origin="environment")
-        elif name != CHOSEN:
+        elif name not in (CHOSEN, DEBUG):
             unknown.append(name)
     for file in settings.files:
         for setting in file.values():

@@ -7,6 +7,7 @@ from typing import TypeVar
 from hexctl.backends.base import LegServos, ServosWrapper
 from hexctl.control.guard import EXPIRY_S
 from hexctl.errors import HexctlError, RobotFaultError
+from hexctl.robot.plugins import label_of, why
 from hexctl.types import FloatArray, JointTargets, RobotState
 from hexctl.wire.ros.odometry_error import own_pose_covariance
 
@@ -94,6 +95,5 @@ def call_servos(servos: ServosWrapper, name: str, method: Callable[[], Answer]) 
     except HexctlError:
         raise
     except Exception as error:
-        kind = type(servos.unwrapped).__name__
-        reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-        raise RobotFaultError(f"the servos failed: {kind}.{name} raised {reason}") from error
+        label = label_of(type(servos.unwrapped))
+        raise RobotFaultError(f"the servos failed: {label}.{name} raised {why(error)}") from error

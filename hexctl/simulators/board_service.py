@@ -67,7 +67,7 @@ class BoardService(ServedOptions):
     release_after_s: Annotated[float, RELEASE_S, CONNECTION, RARE] = 10.0
     """Seconds without the controller until torque is disabled, {}."""
 
-    bus: str | None = None
+    bus: Annotated[str | None, Typed(words="buses")] = None
     """Simulate servos on a serial bus instead, on a pseudo-terminal: dynamixel, feetech, lx16a, that of a
     plug-in, or the board servo2040 with hobby servos; or two boards pca9685, on a socket. (default: a MAVLink
     board)
@@ -112,8 +112,9 @@ class BoardService(ServedOptions):
         """Speed of the line of a bus; 0 for a MAVLink board or a USB device."""
         if self.bus is None:
             return 0
-        usual = _twin_of(self.bus).usual_baud if is_board(self.bus) else find_family(self.bus).bauds[0]
-        return self.baud or usual or 0
+        if is_board(self.bus):
+            return self.baud or _twin_of(self.bus).usual_baud or 0
+        return self.baud or find_family(self.bus, named=argument("bus")).bauds[0]
 
     def run(
         self,
@@ -182,7 +183,8 @@ class BoardService(ServedOptions):
             board = twin(servos, pwm_map_of(section, driver), **more)
         else:
             given = {} if self.model is None else {"model": self.model}
-            bus_map, more = bus_map_of(section.model_copy(update=given), driver), self._faults(BusBoard)
+            bus_map = bus_map_of(section.model_copy(update=given), driver, named=argument("bus"))
+            more = self._faults(BusBoard)
             board = BusBoard(servos, bus_map, baud=self.bits_per_s, **more)
         return board, board.path
 
@@ -194,5 +196,5 @@ class BoardService(ServedOptions):
 
 def _twin_of(driver: str) -> "type[SimulatedPulseBoard]":
     """Class of the simulated board of a driver."""
-    twin: type[SimulatedPulseBoard] = resolve_name(find_board(driver).simulated)
+    twin: type[SimulatedPulseBoard] = resolve_name(find_board(driver, named=argument("bus")).simulated)
     return twin

@@ -106,7 +106,7 @@ def test_a_family_is_a_driver_and_a_backend_by_its_name(install: Install, tmp_pa
         simulated_servos(bus_map)
     assert [one.name for one in read_plugins() if one.error] == ["no", "other"]
     for name in ("other", "no"):  # a family of another name, and a function
-        with pytest.raises(InputError, match=rf"driver: {name} of outside 1\.2 "):
+        with pytest.raises(InputError, match=rf"driver: {name} of outside 1\.2: "):
             find_family(name)
 
 
@@ -135,7 +135,7 @@ def test_a_board_of_a_plugin_is_a_driver_a_backend_and_a_simulated_board(
     assert report["goals"] == 0
     assert [one.name for one in read_plugins() if one.error] == ["no", "other"]
     for name in ("other", "no"):
-        with pytest.raises(InputError, match=rf"driver: {name} of outside 1\.2 "):
+        with pytest.raises(InputError, match=rf"driver: {name} of outside 1\.2: "):
             find_board(name)
 
 
@@ -216,10 +216,148 @@ def test_a_command_of_a_plugin_is_listed_unimported_and_runs(install: Install, c
     assert "greet" in plugin_names("commands")
     listed = call("--help").out
     assert "greet" in listed
-    assert "Words (outside 1.2)." in listed
+    assert "Words (outside:greet of outside 1.2)." in listed
     assert "outside" not in sys.modules
     assert "--name" in call("greet --help").out
     assert call("greet --name Ant").out == "hello Ant\n"
+
+
+BROKEN = """
+import typer
+from hexctl.adapt.optimizer import Optimizer
+from hexctl.backends.bus.families.lx16a import LX16A
+from hexctl.backends.mock import MockServos
+from hexctl.control.monitor.recovery import WalkOn
+
+class NoName(Optimizer):
+    def _suggest(self, count):
+        return [1 // 0]
+    def _learn(self, codes, scores):
+        pass
+    def _search_state(self):
+        return {}
+    def _restore_search(self, state):
+        pass
+
+class Suggests(NoName):
+    name = "suggests"
+
+class Asks(Suggests):
+    def _suggest(self, count):
+        return None
+
+class Unstorable(Suggests):
+    def _search_state(self):
+        return {"seen": {1, 2}}
+
+class Unmade(Suggests):
+    def __init__(self, space, seed):
+        {}["missing"]
+
+class UnmadeRecovery(WalkOn):
+    def __init__(self):
+        {}["missing"]
+
+class Unprepared(WalkOn):
+    def prepare(self, robot, plan, heading_body_rad):
+        {}["missing"]
+
+class Unresponsive(WalkOn):
+    def respond(self, robot, plan, heading_body_rad, failures):
+        {}["missing"]
+
+class UnmadeServos(MockServos):
+    def __init__(self, robot):
+        {}["missing"]
+
+class Unconnected(MockServos):
+    def connect(self):
+        {}["missing"]
+
+def greet():
+    {}["missing"]
+
+tools = typer.Typer(help="Tools for feet.")
+
+@tools.command()
+def wash():
+    pass
+
+@tools.command()
+def dry():
+    pass
+"""
+
+ADAPT = "adapt --failed-leg 5 --budget 1 --duration 2 --no-baseline --no-record --optimizer"
+
+
+@pytest.mark.parametrize(
+    ("door", "made", "line", "code"),
+    [
+        ("optimizers", "Unmade", f"{ADAPT} out", 2),
+        ("optimizers", "NoName", f"{ADAPT} out", 2),
+        ("optimizers", "Unstorable", f"{ADAPT} out", 2),
+        ("optimizers", "Unmade", "study --optimizers out", 2),
+        ("optimizers", "Suggests", f"{ADAPT} out", 3),
+        ("optimizers", "Asks", f"{ADAPT} out", 3),
+        ("recoveries", "UnmadeRecovery", "run --recovery out", 2),
+        ("recoveries", "Unprepared", "run --recovery out --duration 1", 3),
+        ("servos", "UnmadeServos", "run --backend out", 2),
+        ("servos", "Unconnected", "run --backend out --duration 1", 3),
+        ("families", "LX16A", "run --backend out", 2),
+        ("families", "LX16A", "sim board --bus out", 2),
+        ("boards", "LX16A", "run --backend out", 2),
+        ("boards", "LX16A", "sim board --bus out", 2),
+        ("commands", "greet", "out", 3),
+    ],
+)
+def test_an_error_of_a_plugin_is_a_line_with_its_distribution_and_a_traceback_if_asked(
+    door: str, made: str, line: str, code: int, install: Install, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install(module=BROKEN, **{door: f"out = outside:{made}"})
+    said = call(line, code=code).err.splitlines()[-1]
+    assert said.startswith("hexctl: ")
+    assert " of outside 1.2" in said
+    words = line.split()
+    if code == 2:  # as it was typed, not as another command names it
+        assert f"{words[words.index('out') - 1]}: " in said
+    monkeypatch.setenv("HEXCTL_DEBUG", "1")
+    assert "Traceback (most recent call last)" in call(line, code=code).err
+
+
+def test_a_recovery_that_fails_in_a_walk_is_named_with_its_distribution(
+    install: Install, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install(module=BROKEN, recoveries="out = outside:Unresponsive")
+    line = "run --failure 2:limp@1 --recovery out --duration 3 --no-record"
+    assert "outside:Unresponsive of outside 1.2" in call(line, code=4).out
+    monkeypatch.setenv("HEXCTL_DEBUG", "1")
+    assert "KeyError: 'missing'" in call(line, code=4).err
+
+
+def test_a_group_keeps_its_help_and_lines_of_one_distribution_differ(install: Install, call: Call) -> None:
+    install(module=BROKEN, commands="tools = outside:tools\ngreet = outside:greet")
+    rows = [row.split("  ", 1)[1] for row in call("--help").out.splitlines() if "outside" in row]
+    assert len({*rows}) == 2
+    assert "outside" not in sys.modules
+    assert "Tools for feet." in call("tools --help").out
+    for line in ("tools --help-all", "tools wash --help-all", "greet --help-all", "doctor --help-all"):
+        assert "--help" in call(line).out
+
+
+def test_doctor_lists_plugins_line_by_line(install: Install, call: Call) -> None:
+    install(
+        module=BROKEN, commands="tools = outside:tools\nbad = outside:ADAPT", optimizers="z = outside:Asks"
+    )
+    lines = [line for line in call("doctor").out.splitlines() if "outside 1.2" in line]
+    assert len(lines) == 3
+    assert all(line.count("of outside 1.2") == 1 for line in lines)
+
+
+def test_a_shadowed_name_is_offered_once(install: Install) -> None:
+    install(optimizers="random = outside:Search", families="acme = outside:FAMILY")
+    assert completion.optimizers("random") == ["random"]
+    assert completion.buses("a") == ["acme"]
 
 
 def test_a_command_that_is_no_function_is_refused(install: Install, call: Call) -> None:

@@ -13,6 +13,7 @@ from pydantic import BaseModel
 
 import hexctl
 from hexctl.adapt.adaptation import adapt
+from hexctl.backends.bus.families.registers import FactoryValue, Register, RegisterTable, RequiredValue
 from hexctl.backends.registry import BACKENDS
 from hexctl.backends.sim.world import DomainRandomization, World
 from hexctl.control.trial_result import TrialResult
@@ -74,6 +75,14 @@ def test_every_key_of_a_robot_file_has_a_meaning() -> None:
         if name not in ("LinksSection", "JointsSection", "MeshesSection"):  # their keys are parts of a leg
             missing = keys - generated_reference.meanings(schema).keys()
             assert not {key for key in missing if key not in ("femur", "tibia") and key[:3] != "leg"}, name
+
+
+def test_every_register_is_on_the_page() -> None:
+    page = generated_reference.register_reference()
+    for kind in (RegisterTable, Register, RequiredValue, FactoryValue):
+        assert f"### {kind.__name__}" in page
+        assert [field.name for field in fields(kind) if f"| `{field.name}` |" not in page] == []
+    assert "1 while the servo holds its goal" in page
 
 
 def test_every_key_of_a_result_is_on_the_page() -> None:

@@ -72,9 +72,14 @@ class BusMap(RawMap):
         )
 
 
-def bus_map_of(section: ServosSection, driver: str, p_gain: int | None = None) -> BusMap:
-    """Bus map of a section; raises InputError for ids, models, limits or a P gain that no bus can have."""
-    family = find_family(driver)
+def bus_map_of(
+    section: ServosSection, driver: str, p_gain: int | None = None, *, named: str = "servos.driver"
+) -> BusMap:
+    """Bus map of a section, in which messages call the driver `named`.
+
+    Raises InputError for a driver, ids, models, limits or a P gain that no bus can have.
+    """
+    family = find_family(driver, named=named)
     check_driver(section, driver)
     models = tuple(family.model(joint_value(section, joint, "model", None)) for joint in range(N_JOINTS))
     calibration = calibration_of(

@@ -75,7 +75,7 @@ class BusOptions:
         from hexctl.backends.bus.family import find_family
 
         section = self._section()
-        family = find_family(self._driver(section))
+        family = find_family(self._driver(section), named=self._named)
         baud = self.baud or section.baud or family.bauds[0]
         address = SerialAddress.parse(self.port or section.port, baud)
         return BusAddress(family.name, address.path, address.baud)
@@ -88,7 +88,8 @@ class BusOptions:
         if self.robot is None:
             return None
         section = self._section()
-        return bus_map_of(section, self._driver(section), load_robot_file(self.robot).p_gain)
+        p_gain = load_robot_file(self.robot).p_gain
+        return bus_map_of(section, self._driver(section), p_gain, named=self._named)
 
     def _section(self) -> "ServosSection":
         """Section of the robot file; empty without one."""
@@ -96,6 +97,10 @@ class BusOptions:
         from hexctl.robot.servos.servo_schema import ServosSection
 
         return ServosSection() if self.robot is None else load_robot_file(self.robot).content.servos
+
+    @property
+    def _named(self) -> str:
+        return "servos.driver" if self.driver is None else argument("driver")
 
     def _driver(self, section: "ServosSection") -> str:
         if is_board(section.driver):

@@ -8,7 +8,7 @@ from hexctl.backends.bus.packets import PacketFormat
 from hexctl.backends.bus.servo import Servo
 from hexctl.backends.bus.servo_bus import ServoBus
 from hexctl.backends.bus.servo_type import ServoType
-from hexctl.errors import InputError
+from hexctl.errors import InputError, argument
 from hexctl.robot.plugins import find_named
 from hexctl.robot.servos.drivers import FAMILIES
 
@@ -60,6 +60,6 @@ class Family:
         return self.servo.identified(packets, servo_id, models)
 
 
-def find_family(name: str) -> Family:
-    """Family of a driver's name; raises InputError for an unknown one, and for a plug-in without a family."""
-    return find_named("families", name, FAMILIES, Family, "driver")
+def find_family(name: str, *, named: str = argument("driver")) -> Family:
+    """Family of a driver's name, which messages call `named`; raises InputError as `find_named`."""
+    return find_named("families", name, FAMILIES, Family, named)

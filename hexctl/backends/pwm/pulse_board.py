@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from hexctl.backends.pwm.pwm_map import BoardSettings, PwmMap, map_of
 from hexctl.backends.pwm.servos import PwmServos
+from hexctl.errors import argument
 from hexctl.robot.plugins import find_named
 from hexctl.robot.servos.drivers import BOARDS
 from hexctl.robot.servos.raw_map import check_driver
@@ -36,13 +37,13 @@ class PulseBoard:
     simulated: str
 
 
-def find_board(name: str) -> PulseBoard:
-    """Board of a driver's name; raises InputError for an unknown one, and for a plug-in without a board."""
-    return find_named("boards", name, BOARDS, PulseBoard, "driver")
+def find_board(name: str, *, named: str = argument("driver")) -> PulseBoard:
+    """Board of a driver's name, which messages call `named`; raises InputError as `find_named`."""
+    return find_named("boards", name, BOARDS, PulseBoard, named)
 
 
 def pwm_map_of(section: ServosSection, driver: str) -> PwmMap:
     """PWM map of a section; raises InputError for what the driver's board does not have."""
-    board = find_board(driver)
+    board = find_board(driver, named="servos.driver")
     check_driver(section, driver, has_keys=board.has_keys)
     return map_of(section, driver, board.settings(section))

@@ -84,10 +84,11 @@ def _settings(checkup: "Checkup") -> str:
 
 def _plugins(checkup: "Checkup") -> str:
     texts = [
-        f"{one.group} {one.name} of {one.distribution} {one.version} {one.error or 'loads'}"
+        f"{one.group} {one.name} of {one.distribution} {one.version}: "
+        + ("loads" if one.error is None else f"NO: {one.error}")
         for one in checkup.plugins
     ]
-    return "; ".join(texts) or "none"
+    return "\n".join(texts) or "none"
 
 
 def _devices(devices: "tuple[Device, ...]") -> str:

@@ -35,6 +35,7 @@ from hexctl.cli.signature import with_options
 from hexctl.cli.walk.diagnose_command import diagnose_first
 from hexctl.errors import HexctlError, InputError, argument
 from hexctl.robot.failure_grammar import AUTO_LEG, read_failures_before
+from hexctl.robot.plugins import custom_failure
 
 if TYPE_CHECKING:
     from hexctl.adapt.adaptation import Adaptation, AdaptationResult
@@ -215,6 +216,10 @@ def _search(
             if not begun:
                 raise
             raise type(error)(f"{in_flags(error)}; {_what_is_left(begun)}") from error.__cause__ or error
+        except Exception as error:
+            if not begun or (text := custom_failure(error)) is None:
+                raise
+            raise HexctlError(f"{text}; {_what_is_left(begun)}") from error
         except KeyboardInterrupt:
             print_message(f"interrupted without a soft stop; {_what_is_left(begun)}")
             return INTERRUPTED

@@ -29,6 +29,7 @@ from hexctl.control.walks.velocity_walk import MotionWalk, VelocityWalk
 from hexctl.errors import check_type
 from hexctl.gait.gait import Gait, ideal_speed_m_s
 from hexctl.robot.failure import ON_TRIAL, Failure, NoticedFailure
+from hexctl.robot.plugins import label_of, show_traceback, why
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState, leg_slice
 
 #: Cycles after a detection when the kind of failure is evaluated again; the second time, after the targets of
@@ -410,14 +411,15 @@ class MonitoredWalk(Controller):
 
     def _answer(self, index: int, failures: list[Failure]) -> Response:
         """The recovery's response; a recovery that fails stops the walk softly, and is named."""
-        plan, name = self._plans[index], type(self._recovery).__name__
+        plan, label = self._plans[index], label_of(type(self._recovery))
         try:
             response = self._recovery.respond(self._start.robot, plan, self._headings_rad[index], failures)
         except Exception as error:  # noqa: BLE001  whatever it is, the robot is still walking
-            self._trouble = f"recovery {name}: {type(error).__name__}: {error}"
+            show_traceback(error)
+            self._trouble = f"recovery {label}: {why(error)}"
             return Response(stop=True)
         if not isinstance(response, Response):
-            self._trouble = f"recovery {name}: respond gave {response!r}; allowed: a Response"
+            self._trouble = f"recovery {label}: respond gave {response!r}; allowed: a Response"
             return Response(stop=True)
         return response
 

@@ -144,7 +144,7 @@ class StudyPlan(LandscapePlan):
         allowed = "one that is the same in every leg; the transfer benchmark takes unknown"
         check_setting("failure", self.failure, self.failure != UNKNOWN, allowed)
         for name in self.optimizers:
-            make_optimizer(name, GaitSpace((self.legs[0],)), self.seed)
+            make_optimizer(name, GaitSpace((self.legs[0],)), self.seed, part="optimizers")
         check_walks(self.specs())
 
 

@@ -124,7 +124,7 @@ class TransferPlan(LandscapePlan, Experiment["DataFrame"]):
         parse_kind(1, self.failure)
         for name in self.optimizers:
             if name not in PRIORED:
-                make_optimizer(name, GaitSpace((self.legs[0],)), self.seed)
+                make_optimizer(name, GaitSpace((self.legs[0],)), self.seed, part="optimizers")
         if self.family.model_dump(mode="json") == self.prior.origin.get("family"):
             raise InputError("transfer: the prior was built from these worlds; allowed: a family of others")
         missing = [leg for leg in self.legs if not covers(self.robot, "rear", self.prior.legs, leg)]
