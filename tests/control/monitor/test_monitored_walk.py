@@ -338,7 +338,7 @@ class Forgets(Recovery):
     [
         (WalkOn(), None),
         (StopWalking(), "leg 2 locked"),
-        (Raises(), "leg 2 locked; recovery Raises: ValueError: boom"),
+        (Raises(), "leg 2 locked; recovery Raises: ValueError: boom; HEXCTL_DEBUG=1 shows where"),
         (Forgets(), "leg 2 locked; recovery Forgets: respond gave None; allowed: a Response"),
     ],
 )
