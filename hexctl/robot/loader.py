@@ -19,6 +19,7 @@ from hexctl.robot.plausibility import mass_problem, range_problem
 from hexctl.robot.schema import P_GAIN, JointSection, LinkSection, RobotSchema
 from hexctl.robot.sensors import SENSORS
 from hexctl.robot.servos.servo_map import ServoMap, servo_map_of
+from hexctl.robot.unit_doubts import unit_doubts
 from hexctl.robot.yaml_text import with_values, yaml_content
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_LEGS, FloatArray
 
@@ -87,7 +88,7 @@ def _robot_file(content: dict[str, Any], path: Path) -> RobotFile:
         gain = content["servo"].get(P_GAIN)
         return RobotFile(path, _build(schema), schema, None if gain is None else int(gain))
     except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        raise InputError("; ".join([f"{path}: {error}", *unit_doubts(schema)])) from error
 
 
 def load_robot(name_or_path: str | Path = "ant", *, all_sensors: bool = False) -> Robot:

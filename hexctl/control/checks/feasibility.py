@@ -18,9 +18,11 @@ from hexctl.ik.legs import TOLERANCE_RAD, range_excess_rad, solve_legs
 from hexctl.robot.formats.link_masses import inertia_doubts
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.model import Robot
+from hexctl.robot.schema import RobotSchema
 from hexctl.robot.sensors import failures_shown
 from hexctl.robot.servos.raw_map import RawMap, joints_beyond, joints_beyond_travel
 from hexctl.robot.servos.servo_schema import ServosSection
+from hexctl.robot.unit_doubts import carried_doubt, mass_doubt, slowness_doubt, unit_doubts
 from hexctl.types import JOINT_NAMES, ArrayFields, FloatArray
 
 #: Evaluated points of one gait cycle.
@@ -105,6 +107,7 @@ class RobotCheck:
     to_measure: tuple[str, ...] = ()
     mesh_parts: tuple[str, ...] = ()
     servos_given: bool = False
+    unit_doubts: tuple[str, ...] = ()
 
     @property
     def verdict(self) -> Verdict:
@@ -130,6 +133,7 @@ class RobotCheck:
             yield _trunk_is_low(
                 f"{1000 * clearance_m:.3g} mm above the floor and sinks by {1000 * sag_m:.3g} mm"
             )
+        yield from self.unit_doubts
         least_m, spacing_m = 2 * self.robot.foot_radius_m, self.demand.least_foot_spacing_m
         if spacing_m <= least_m:
             within = f"{1000 * spacing_m:.0f} mm"
@@ -263,17 +267,28 @@ def check_robot(
         file.robot, stable or gait, pace_hz=pace_hz, amplitude=amplitude, height=height, others=(AUTO,)
     )
     motions = _motions(heading_rad, turn_rate_rad_s)
+    demand, load = gait_demand(file.robot, checked, motions), gait_load(file.robot, checked, motions)
     return RobotCheck(
         robot=file.robot,
         gait=checked,
-        demand=gait_demand(file.robot, checked, motions),
-        load=gait_load(file.robot, checked, motions),
+        demand=demand,
+        load=load,
         servo_map=raw_map_of(file),
         driver=file.content.servos.driver,
         to_measure=file.to_measure,
         mesh_parts=tuple(file.meshes),
         servos_given=file.content.servos != ServosSection(),
+        unit_doubts=_unit_doubts(file.content, demand, load),
     )
+
+
+def _unit_doubts(content: RobotSchema, demand: GaitDemand, load: GaitLoad) -> tuple[str, ...]:
+    """Doubts about the units of a robot file; torque and speed are also compared with what the gait needs."""
+    if doubts := unit_doubts(content):
+        return tuple(doubts)
+    slow = "" if demand.speed_reached else slowness_doubt(content)
+    found = (mass_doubt(content, load.capacity), carried_doubt(content, load.capacity), slow)
+    return tuple(each for each in found if each)
 
 
 def _motions(heading_rad: float | None, turn_rate_rad_s: float | None) -> list[Motion]:
