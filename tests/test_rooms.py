@@ -8,7 +8,7 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 CEILINGS = {
     "": 2_440,
     "adapt": 7_712,
-    "backends": 11_612,
+    "backends": 11_728,
     "cli": 6_539,
     "client": 1_020,
     "control": 13_488,

@@ -4,10 +4,10 @@ import contextlib
 import errno
 import os
 import termios
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from hexctl.backends.board_lock import in_use, program_of
 from hexctl.errors import RobotFaultError
 from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.waiting import wait_ready
@@ -158,11 +158,7 @@ def open_device(path: str, baud: int, *, modem_lines: bool = True) -> Any:
             ) from error
         reason = os.strerror(number) if number else str(error)  # pyserial's own has the name once more
         if number == errno.EAGAIN:  # locked: another program has it exclusively
-            program = program_using(path) or "another program"
-            raise RobotFaultError(
-                f"the port {path} is in use by {program}; `hexctl serve` and its keeper hold their port, "
-                "and a keeper lets the robot down before it ends"
-            ) from error
+            raise in_use(f"the port {path}", program_using(path)) from error
         raise RobotFaultError(
             f"the port {path} cannot be opened ({reason}); is the cable in, the name right, and no other "
             "program using it?"
@@ -181,16 +177,5 @@ def program_using(path: str) -> str | None:
         with contextlib.suppress(OSError):
             opened = {os.path.realpath(link) for link in (process / "fd").iterdir()}
             if device in opened and not any(name.endswith("/ptmx") for name in opened):
-                words = (process / "cmdline").read_bytes().decode(errors="replace").split("\0")
-                return f"{_program(words)} (process {process.name})"
+                return program_of(int(process.name))
     return None
-
-
-def _program(words: list[str]) -> str:
-    if any("hexctl.server.keeper" in word for word in words):
-        return "the keeper of a `hexctl serve`"
-    names = [Path(word).name for word in words if word]
-    for name, after in pairwise(names):
-        if name == "hexctl" and not after.startswith("-"):
-            return f"`hexctl {after}`"
-    return f"`{names[0]}`" if names else "a program"

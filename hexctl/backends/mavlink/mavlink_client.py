@@ -19,6 +19,7 @@ from hexctl.backends.mavlink.mavlink_transport import (
     LinkCounters,
     MavlinkLink,
     SequenceCount,
+    lock_port,
     open_port,
     parse_port,
 )
@@ -251,6 +252,7 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
         self._written_at_s = self._resumed_at_s = -math.inf
 
     def _open_all(self, opening: ExitStack) -> None:
+        opening.callback(lock_port(self._address, text=self._port).release)
         port = open_port(self._address, text=self._port)
         opening.callback(port.close)
         codec = Codec(

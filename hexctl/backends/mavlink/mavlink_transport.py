@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from hexctl.backends.board_lock import BoardLock
 from hexctl.backends.bus.serial_line import open_device
 from hexctl.backends.mavlink.codec import Codec, Frame
 from hexctl.backends.serial_ports import SerialAddress
@@ -231,6 +232,20 @@ def open_port(address: PortAddress, *, text: str) -> Port:
             f"the port {text} cannot be opened ({reason}); is the address right, and is no "
             "other program using it?"
         ) from error
+
+
+def lock_port(address: PortAddress, *, text: str) -> BoardLock:
+    """Right of a controller to command the board at a UDP port, by any name of its host.
+
+    Serial devices have their own lock. Raises RobotFaultError if another program commands it.
+    """
+    if address.kind == "serial":
+        return BoardLock(text, ())
+    try:
+        hosts = [found[4][0] for found in socket.getaddrinfo(address.place, None, type=socket.SOCK_DGRAM)]
+    except OSError:
+        hosts = [address.place]  # opening it says why
+    return BoardLock(f"the port {text}", [f"{address.kind} {hosts[0]} {address.number}"])
 
 
 def _open_serial(address: PortAddress) -> StreamPort:

@@ -8,12 +8,14 @@ After a loss of power MODE1 is 11: asleep, all channels off.
 
 import errno
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
+from hexctl.backends.board_lock import BoardLock
 from hexctl.backends.port_thread import reason_of
 from hexctl.backends.pwm.i2c_socket import I2cSocket
 from hexctl.backends.pwm.pulse_board import PulseBoard
@@ -218,14 +220,21 @@ class Pca9685:
     Args:
         known: whether the boards should still have their settings; `poll` reports a loss until `end` restores
             them.
+        lock: of the boards, released with `close`.
 
     Raises RobotFaultError for boards that do not keep their settings, OSError if none answers.
     """
 
     def __init__(
-        self, bus: I2cBus, pwm_map: PwmMap, time: TimeSource = WALL_TIME, *, known: bool = False
+        self,
+        bus: I2cBus,
+        pwm_map: PwmMap,
+        time: TimeSource = WALL_TIME,
+        *,
+        known: bool = False,
+        lock: BoardLock | None = None,
     ) -> None:
-        self._bus, self._time = bus, time
+        self._bus, self._time, self._lock = bus, time, lock
         boards, channels = np.divmod(pwm_map.outputs, PCA9685_CHANNELS)
         settings = settings_of(pwm_map)
         parts = zip(settings.addresses, settings.oscillators_mhz, strict=True)
@@ -313,6 +322,8 @@ class Pca9685:
     def close(self) -> None:
         """Close the bus; the boards repeat the last pulses."""
         self._bus.close()
+        if self._lock is not None:
+            self._lock.release()
 
     def _each(self, do: Callable[[Pca9685Chip], None]) -> None:
         """Call a function for each board, even after errors."""
@@ -341,12 +352,14 @@ class Pca9685Servos(PwmServos):
         return thread
 
     def _open(self) -> Pca9685:
-        bus = open_i2c(self._port)
-        try:
-            return Pca9685(bus, self._map, self._clock.time, known=self._known)
-        except BaseException:
-            bus.close()
-            raise
+        with ExitStack() as opening:
+            bus = open_i2c(self._port)
+            opening.callback(bus.close)
+            lock = lock_boards(self._port, self._map)
+            opening.callback(lock.release)
+            board = Pca9685(bus, self._map, self._clock.time, known=self._known, lock=lock)
+            opening.pop_all()
+        return board
 
     def _gone(self, reason: str) -> str:
         return (
@@ -374,6 +387,15 @@ def open_i2c(port: str) -> I2cBus:
             "it (group i2c)?"
         ) from error
     return bus
+
+
+def lock_boards(port: str, pwm_map: PwmMap) -> BoardLock:
+    """Lock of the used boards of a bus, whatever its name; raises RobotFaultError if a program has one."""
+    addresses = settings_of(pwm_map).addresses
+    used = [addresses[board] for board in np.unique(pwm_map.outputs // PCA9685_CHANNELS).tolist()]
+    device = Path(f"/dev/i2c-{int(port)}" if port.isdecimal() else port).resolve()
+    at = " and ".join(f"{address:#x}" for address in used)
+    return BoardLock(f"the PCA9685 at {at} on I2C bus {port}", [f"{device} {each}" for each in used])
 
 
 def parse_i2c_port(text: str | None, _baud: int | None = None) -> str:

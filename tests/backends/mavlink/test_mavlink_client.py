@@ -13,8 +13,9 @@ import pytest
 from pymavlink.dialects.v20 import common
 
 from hexctl.backends.base import LegServos
+from hexctl.backends.board_lock import BoardLock
 from hexctl.backends.clock import PERIOD_S
-from hexctl.backends.mavlink import mavlink_messages
+from hexctl.backends.mavlink import mavlink_client, mavlink_messages
 from hexctl.backends.mavlink.codec import Codec
 from hexctl.backends.mavlink.mavlink_client import MavlinkServos
 from hexctl.backends.mavlink.mavlink_transport import PortAddress, StreamPort, UdpPort, open_port
@@ -335,7 +336,9 @@ def test_after_a_pause_the_first_command_counts(tmp_path: Path) -> None:
     assert report["expired"] >= 1
 
 
-def test_a_second_controller_is_refused_and_told(tmp_path: Path) -> None:
+def test_a_second_controller_is_refused_and_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of another computer: on this one a lock refuses it before."""
+    monkeypatch.setattr(mavlink_client, "lock_port", lambda *_, **__: BoardLock("", ()))
     with memory_board(fitting_map(tmp_path)) as running:
         first, second = (
             Guard(servos_on(running.port, running.servo_map, name=name)) for name in ("first", "second")
