@@ -8,7 +8,7 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 CEILINGS = {
     "": 2_440,
     "adapt": 7_712,
-    "backends": 11_728,
+    "backends": 11_742,
     "cli": 6_539,
     "client": 1_020,
     "control": 13_488,
@@ -23,7 +23,7 @@ CEILINGS = {
     "robot": 7_297,
     "runs": 1_045,
     "server": 3_980,
-    "simulators": 3_790,
+    "simulators": 3_798,
     "study": 6_995,
     "teleop": 1_970,
     "testing": 640,

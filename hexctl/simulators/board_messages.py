@@ -168,9 +168,17 @@ def heartbeat(system_state: int) -> Any:
 
 def measured(flag: bool, time_s: float) -> Any:
     """Flag whether joint positions are measured or echoed."""
-    return common.MAVLink_named_value_int_message(
-        mavlink_messages.milliseconds(time_s), mavlink_messages.MEASURED_NAME.encode(), int(flag)
-    )
+    return _named(mavlink_messages.MEASURED_NAME, int(flag), time_s)
+
+
+def contacts(feet: BoolArray, time_s: float) -> Any:
+    """Which feet touch the ground, (6,)."""
+    mask = sum(1 << leg for leg, touches in enumerate(feet) if touches)
+    return _named(mavlink_messages.CONTACTS_NAME, mask, time_s)
+
+
+def _named(name: str, value: int, time_s: float) -> Any:
+    return common.MAVLink_named_value_int_message(mavlink_messages.milliseconds(time_s), name.encode(), value)
 
 
 def health(state: RobotState, *, errors: int) -> list[Any]:

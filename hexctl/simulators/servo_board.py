@@ -373,6 +373,8 @@ class ServoBoard(RunningBoard):
         pulses = self._map.by_channel(self._map.raw(state.joint_positions_rad))
         sent = [board_messages.outputs(pulses, self._channels.active, now_s)]
         sent += board_messages.pose(state, now_s, with_euler=ticks % EULER_TICKS == 0)
+        if state.foot_contacts is not None:
+            sent.append(board_messages.contacts(state.foot_contacts, now_s))
         if ticks % BEAT_TICKS == 0:
             sent = [*self._introduction(state.measured), *sent]
             sent += board_messages.health(state, errors=self._link.codec.malformed)

@@ -35,7 +35,7 @@ from hexctl.wire.transit_delay import BOARD_DRIFT, StampCheck
 #: How long a board may take for its first heartbeat, and then for its first servo positions.
 CONNECT_TIMEOUT_S = 3.0
 
-#: A pose this much older than the outputs is not used.
+#: A pose or contacts this much older than the outputs are not used.
 STALE_POSE_S = 0.2
 
 #: A battery reading older than this is not used.
@@ -206,10 +206,12 @@ class Receiver:
             self._newest[name] = Stamped(read(message), at_s)
         elif kind == "HEARTBEAT":
             self._newest["heartbeat"] = Stamped(int(message.system_status), at_s)
-        elif (
-            kind == "NAMED_VALUE_INT" and mavlink_messages.name_of(message) == mavlink_messages.MEASURED_NAME
-        ):
-            self._newest["measured"] = Stamped(message.value == 1, at_s)
+        elif kind == "NAMED_VALUE_INT":
+            name = mavlink_messages.name_of(message)
+            if name == mavlink_messages.MEASURED_NAME:
+                self._newest["measured"] = Stamped(message.value == 1, at_s)
+            elif name == mavlink_messages.CONTACTS_NAME:
+                self._newest["contacts"] = Stamped(mavlink_messages.contacts_of(message), at_s)
         elif kind == "STATUSTEXT" and message.severity <= ERROR_SEVERITY:
             self._newest["error"] = Stamped(mavlink_messages.name_of(message), at_s)
 
@@ -344,12 +346,14 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
         position, quaternion = self._pose(outputs.at_s)
         battery = self._battery(now_s)
         fault = self._fault(now_s)
+        contacts = _fresh(self._receiver.newest("contacts"), outputs.at_s, STALE_POSE_S)
         return RobotState(
             self._positions(outputs.value, measured=measured),
             stamp_s=max(0.0, self._clock.now_s - age_s),
             measured=measured,
             base_position_world=position,
             base_quaternion_world=quaternion,
+            foot_contacts=None if contacts is None else contacts.value,
             age_s=age_s,
             healthy=fault is None,
             fault=fault,

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import common
 
 from hexctl.errors import MessageError
 from hexctl.robot.rotations import quaternion_of_euler, roll_pitch_rad, yaw_rad
-from hexctl.types import N_JOINTS, ArrayFields, BoolArray, FloatArray
+from hexctl.types import N_JOINTS, N_LEGS, ArrayFields, BoolArray, FloatArray
 
 #: Identifiers of the controller: a ground system, as overrides come from one, and an onboard computer.
 CONTROLLER_SYSTEM = 255
@@ -52,6 +52,9 @@ QUATERNION_SLACK = 0.1
 
 #: Name of the NAMED_VALUE_INT for the source of joint positions: measured (1) or an echo (0).
 MEASURED_NAME = "measured"
+
+#: Name of the NAMED_VALUE_INT for switches at the feet: one bit per leg, the lowest for leg 1; 1 is contact.
+CONTACTS_NAME = "contacts"
 
 #: Frames in which ODOMETRY is understood: x forward or north, y right or east, z down.
 ODOMETRY_FRAMES = (common.MAV_FRAME_LOCAL_NED, common.MAV_FRAME_LOCAL_FRD)
@@ -180,6 +183,13 @@ def battery_of(message: Any) -> Battery:
         known = [cell for cell in message.voltages if cell != 65535]
         known += [cell for cell in message.voltages_ext if cell not in (0, 65535)]
     return Battery(sum(known) / 1000 if known else None, share)
+
+
+def contacts_of(message: Any) -> BoolArray:
+    """Which feet touch the ground, (6,); MessageError for bits of more legs."""
+    if not 0 <= message.value < 1 << N_LEGS:
+        raise MessageError(f"contacts: got {message.value}; allowed: 0 to {(1 << N_LEGS) - 1}")
+    return np.array([message.value >> leg & 1 for leg in range(N_LEGS)], dtype=bool)
 
 
 def name_of(message: Any) -> str:

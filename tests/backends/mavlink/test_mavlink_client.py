@@ -41,15 +41,17 @@ from tests.backends.mavlink.boards import (
 )
 from tests.backends.mavlink.test_codec import frame_of_mavlink_1, override_frame, valid_frame
 from tests.backends.standing import command, next_state, stand, until
+from tests.firmware.boards import BOARDS
 from tests.robots import shipped
 
 nan, inf = math.nan, math.inf
 
 
+@pytest.mark.parametrize("run", BOARDS)
 class TestOverMemory(LegServosConformance):
     @pytest.fixture(autouse=True)
-    def board(self, tmp_path: Path) -> Iterator[None]:
-        with memory_board(fitting_map(tmp_path)) as self.running:
+    def board(self, run: Any, tmp_path: Path) -> Iterator[None]:
+        with run(fitting_map(tmp_path)) as self.running:
             yield
 
     def make(self) -> LegServos:
@@ -175,6 +177,20 @@ def test_a_pose_comes_from_ned_and_is_none_while_nothing_sensible_comes(
         assert later.base_position_world is None
         assert later.base_quaternion_world is None
         assert later.healthy
+
+
+def test_foot_contacts_come_by_leg_and_only_while_they_are_fresh(tmp_path: Path) -> None:
+    with ScriptedBoard() as board, servos_at(board, tmp_path) as servos:
+        assert next_state(servos).foot_contacts is None
+        touching = np.array([False, True, False, False, True, True])
+        seen = state_after(servos, board, board_messages.contacts(touching, 0.0)).foot_contacts
+        np.testing.assert_array_equal(seen, touching)
+        board.extra = []
+        board.port.time.sleep(0.5)
+        assert next_state(servos).foot_contacts is None
+        wild = common.MAVLink_named_value_int_message(0, b"contacts", 64)
+        assert state_after(servos, board, wild).foot_contacts is None
+        assert servos.counters.refused > 0
 
 
 def test_a_position_with_an_old_stamp_is_not_used_unless_the_board_has_started_again(tmp_path: Path) -> None:
@@ -324,9 +340,10 @@ def test_a_port_that_fails_is_a_fault(end: str, tmp_path: Path, monkeypatch: pyt
 # Faults of a link to the simulated board.
 
 
-def test_after_a_pause_the_first_command_counts(tmp_path: Path) -> None:
+@pytest.mark.parametrize("run", BOARDS)
+def test_after_a_pause_the_first_command_counts(run: Any, tmp_path: Path) -> None:
     """The board holds the pose then, and must not take what is new for what comes late."""
-    with memory_board(fitting_map(tmp_path)) as running:
+    with run(fitting_map(tmp_path)) as running:
         with servos_on(running.port, running.servo_map) as servos:
             for _ in range(2):
                 stand(servos, 1)
@@ -361,17 +378,21 @@ def test_a_second_controller_is_refused_and_told(tmp_path: Path, monkeypatch: py
         assert running.end()["of_others"] > 0
 
 
+@pytest.mark.parametrize("run", BOARDS)
 @pytest.mark.parametrize("walks", [False, True])
-def test_a_crowd_takes_no_state_from_a_controller_that_is_there(walks: bool, tmp_path: Path) -> None:
-    """200 addresses, each with a heartbeat five times in a second."""
-    crowd = Codec(9, 9).encode(mavlink_messages.controller_heartbeat(), 0)
+def test_a_crowd_takes_no_state_from_a_controller_that_is_there(
+    walks: bool, run: Any, tmp_path: Path
+) -> None:
+    """200 systems, each with a heartbeat five times in a second."""
+    crowd = [Codec(number, 9).encode(mavlink_messages.controller_heartbeat(), 0) for number in range(1, 201)]
     with (
-        memory_board(fitting_map(tmp_path)) as running,
+        run(fitting_map(tmp_path)) as running,
         Guard(servos_on(running.port, running.servo_map)) as guard,
     ):
         for tick in range(150):
             for number in range(20):
-                running.port.put(crowd, f"crowd {(20 * tick + number) % 200}")
+                each = (20 * tick + number) % 200
+                running.port.put(crowd[each], f"crowd {each}")
             state = next_state(guard)
             assert state.age_s <= 1.5 * PERIOD_S
             if walks:
@@ -383,11 +404,12 @@ def test_a_crowd_takes_no_state_from_a_controller_that_is_there(walks: bool, tmp
         assert running.end()["crowded_out"] > 1000
 
 
-def test_a_flooded_board_moves_nothing_and_goes_on(tmp_path: Path) -> None:
+@pytest.mark.parametrize("run", BOARDS)
+def test_a_flooded_board_moves_nothing_and_goes_on(run: Any, tmp_path: Path) -> None:
     draw, good = random.Random(11), override_frame()
     elsewhere = Codec(255, 191).encode(mavlink_messages.override(np.full(18, 900.0), 77, 1), 0)
     with (
-        memory_board(fitting_map(tmp_path)) as running,
+        run(fitting_map(tmp_path)) as running,
         Guard(servos_on(running.port, running.servo_map)) as guard,
     ):
         stand(guard, 20)
