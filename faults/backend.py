@@ -1,5 +1,9 @@
 """Backends of the matrix: how a robot is reached, and the robot file with servos mounted so that it walks."""
 
+import os
+import shutil
+import subprocess
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from pkgutil import resolve_name
@@ -29,12 +33,14 @@ class Backend:
         base: the shipped robot.
         servos: the section `servos` of its file.
         moves_take_time: whether a servo is told how long to take, and what it steers for changes meanwhile.
+        plugin: folder of the package that has its driver; empty for those of hexctl.
     """
 
     name: str
     base: str = "ant"
     servos: dict[str, Any] = field(default_factory=dict)
     moves_take_time: bool = False
+    plugin: str = ""
 
     @property
     def served(self) -> bool:
@@ -49,7 +55,7 @@ class Backend:
     @property
     def serial_bus(self) -> bool:
         """Whether its servos are on a serial bus and report."""
-        return self.name in FAMILIES
+        return self.name in FAMILIES or bool(self.plugin)
 
     @property
     def hobby(self) -> bool:
@@ -71,6 +77,16 @@ class Backend:
         """Word of the fault that damages what its board answers."""
         return "nack" if "nack" in self.kinds else "garble"
 
+    def install(self, folder: Path) -> dict[str, str]:
+        """Install its plug-in into a folder; variables with which programs find it."""
+        if not self.plugin:
+            return {}
+        site = str(folder / "site")
+        source = shutil.copytree(config_root().parent / self.plugin, folder / "plug-in")
+        pip = ("-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--target", site)
+        subprocess.run([sys.executable, *pip, str(source)], check=True, timeout=120)
+        return {"PYTHONPATH": os.pathsep.join([site, os.environ.get("PYTHONPATH", "")])}
+
     def write_file(self, folder: Path) -> Path:
         """Write the robot file into a folder."""
         content = yaml.safe_load((config_root() / "robots" / f"{self.base}.yaml").read_text(encoding="utf-8"))
@@ -89,6 +105,13 @@ BACKENDS = {
         Backend(name="dynamixel", base="phantomx", servos={**ON_A_BUS, "model": "xl430-w250"}),
         Backend(name="feetech", base="phantomx", servos={**ON_A_BUS, "model": "sts3215"}),
         Backend(name="lx16a", base="phantomx", servos={**ON_A_BUS, "model": "lx16a"}, moves_take_time=True),
+        Backend(
+            name="hiwonder",
+            base="phantomx",
+            servos={**ON_A_BUS, "model": "hts35h"},
+            moves_take_time=True,
+            plugin="examples/hiwonder",
+        ),
         Backend(name="servo2040", servos={"tibia": {"offset_deg": 40}}),
         *(
             Backend(name=board, servos={"tibia": {"offset_deg": 40}, "if_computer_dies": "hold"})

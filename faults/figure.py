@@ -11,7 +11,10 @@ from faults.measurement import REST_S, Outcome
 from faults.table import MOVING
 
 #: Colours by backend, readable on white and on dark, and by colour-blind people (Okabe and Ito).
-COLORS = ("#999999", "#0072B2", "#56B4E9", "#009E73", "#D55E00", "#CC79A7", "#B8860B", "#8C564B")
+COLORS = (
+    *("#999999", "#0072B2", "#56B4E9", "#009E73", "#D55E00", "#CC79A7", "#B8860B", "#8C564B"),
+    *("#6B4FA0", "#2F9E9E", "#C44E52"),
+)
 
 #: Colour of text and lines that is readable on white and on dark.
 NEUTRAL = "#7a8290"
@@ -39,7 +42,7 @@ def draw(outcomes: Iterable[Outcome], path: Path) -> None:
         if not rows:
             continue
         times_s = [MOST_S if one.rest_s is None else min(one.rest_s, MOST_S) for one in rows]
-        heights = [names.index(one.fault) + (number - 3.5) * 0.09 for one in rows]
+        heights = [names.index(one.fault) + (number - len(BACKENDS) / 2) * 0.065 for one in rows]
         heights = list(np.array(heights) + chance.uniform(-0.03, 0.03, len(rows)))
         panel.plot(times_s, heights, "o", color=color, markersize=3.5, alpha=0.7, mew=0, label=backend)
     panel.axvline(REST_S, color=NEUTRAL, linewidth=1.0, linestyle="--")

@@ -161,6 +161,7 @@ def _run(arguments: Sequence[str], variables: dict[str, str], lines: str, output
     gc.freeze()  # what was imported before is never garbage, and a look at it copies its pages: 0.1 s
     os.chdir(ROOT)
     os.environ.update(variables)
+    sys.path[:0] = variables.get("PYTHONPATH", "").split(os.pathsep)  # it was read before the fork
     os.dup2(os.open(lines, os.O_RDONLY), 0)
     for number in (1, 2):
         os.dup2(os.open(output, os.O_WRONLY | os.O_APPEND), number)

@@ -56,6 +56,7 @@ class Rig:
         self._trials = 0
         self._drives = False  # whether the controller is in a drive that may go on with another motion
         self._keepers: list[int] = []
+        self._variables = {FOLDER_VARIABLE: str(folder)}
         self.store = folder
 
     def __enter__(self) -> Self:
@@ -126,6 +127,7 @@ class Rig:
 
     def _start(self) -> None:
         robot = str(self.backend.write_file(self.folder))
+        self._variables |= self.backend.install(self.folder)
         if not self.backend.served:
             return
         device: tuple[str, ...] = ()
@@ -147,7 +149,7 @@ class Rig:
             *serve,
             "--sit-after",
             str(SIT_AFTER_S),
-            **{FOLDER_VARIABLE: str(self.folder)},
+            **self._variables,
         )
         self.server.wait_for("serving")
         self._keepers = children_of(self.server.pid)
@@ -200,7 +202,7 @@ class Rig:
             name,
             f"faults.programs.{module}",
             *arguments,
-            **{FOLDER_VARIABLE: str(self.folder)},
+            **self._variables,
         )
 
     def _found(self, program: Program, pattern: str) -> str:

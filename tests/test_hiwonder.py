@@ -242,11 +242,11 @@ def test_little_damage_changes_nothing(bus_map: BusMap, faults: tuple[str, ...])
 
 @pytest.mark.slow
 def test_a_board_that_disappears_and_returns_is_used_again(bus_map: BusMap) -> None:
-    with connected(bus_map, "unplug@2", "replug@5") as (servos, _):
-        state = stand(servos, 4.5)
+    with connected(bus_map, "unplug@4", "replug@9") as (servos, _):
+        state = stand(servos, 5)
         assert state.fault is not None
         assert state.base_quaternion_world is None, "what the IMU felt is old"
-        assert stand(servos, 4).fault is None
+        assert stand(servos, 6).fault is None
 
 
 @pytest.mark.slow

@@ -26,10 +26,10 @@ from hexctl.backends.clock import PERIOD_S, realtime_priority
 from hexctl.backends.mavlink.mavlink_transport import open_port, parse_port
 from hexctl.backends.pwm.pulse_board import find_board, pwm_map_of
 from hexctl.robot.loader import load_robot_file
-from hexctl.robot.servos.drivers import FAMILIES
+from hexctl.robot.servos.drivers import bus_drivers
 from hexctl.simulators.board_faults import parse_fault
 from hexctl.simulators.bus_board import BusBoard
-from hexctl.simulators.lx16a_servos import Lx16aServos
+from hexctl.simulators.lx16a_servos import SimulatedLx16aServo
 from hexctl.simulators.servo_board import ServoBoard
 from hexctl.simulators.simulated_board import PseudoTerminal, SimulatedBoard
 
@@ -107,7 +107,7 @@ class ToldBus(Told, BusBoard):
     """Servos on a serial bus."""
 
     def _moves_take_time(self) -> bool:
-        return isinstance(self._family, Lx16aServos)
+        return isinstance(self._servos[0], SimulatedLx16aServo)
 
 
 def made_board(backend: str, robot_file: Path, folder: Path) -> tuple[Any, str]:
@@ -120,7 +120,7 @@ def made_board(backend: str, robot_file: Path, folder: Path) -> tuple[Any, str]:
         text = f"udpin:127.0.0.1:{number}"
         board = ServoBoard(twin, file.servo_map, open_port(parse_port(text), text=text))
         return board, f"udpout:127.0.0.1:{number}"
-    if backend in FAMILIES:
+    if backend in bus_drivers():
         bus_map = bus_map_of(section, backend)
         told: Told = ToldBus(twin, bus_map, baud=bus_map.family.bauds[0])
     else:

@@ -16,7 +16,7 @@ from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import StatusPacket
 from hexctl.backends.bus.servo_bus import BoardReport, BusCounters, Report
 from hexctl.backends.bus.servo_type import ServoType
-from hexctl.types import FloatArray
+from hexctl.types import BoolArray, FloatArray
 from hexctl_hiwonder.inertial import Inertial
 from hexctl_hiwonder.packets import IMU, REPORT, SYSTEM, BoardPackets, moves
 
@@ -28,6 +28,9 @@ IMU_BYTES, IMU_RANGES = 24, np.repeat([16.0, 2000.0], 3)
 
 #: Report of the system that has the voltage of the battery, in mV.
 BATTERY = 4
+
+#: Longest time at connect until the IMU is ready.
+SETTLES_S = 1.5
 
 #: Age up to which a report counts: the battery's come once a second, those of the IMU about 100 times.
 BATTERY_S, IMU_S = 3.0, 0.2
@@ -51,6 +54,15 @@ class HiwonderBus(lx.Lx16aBus):
         self._inertial, self._samples = Inertial(), list[FloatArray]()
         self._battery_v, self._battery_at_s, self._imu_at_s = np.nan, -np.inf, -np.inf
 
+    def find(self) -> BoolArray:
+        """Which servos answer, (n,); a robot at rest has its orientation then."""
+        found, until_s = super().find(), self._time.now() + SETTLES_S
+        while found.any() and self._inertial.quaternion is None and self._time.now() < until_s:
+            self._time.sleep(0.02)
+            self._packets.discard()
+            self._feel()
+        return found
+
     def board(self) -> BoardReport:
         """Newest measurements of the board."""
         now_s, inertial = self._time.now(), self._inertial
@@ -72,11 +84,15 @@ class HiwonderBus(lx.Lx16aBus):
 
     def _ask_reports(self, indices: Sequence[int]) -> list[Report]:
         reports = super()._ask_reports(indices)
-        if self._samples:  # those of one reading belong to the time since the one before
+        self._feel()
+        return reports
+
+    def _feel(self) -> None:
+        """Take the samples that have come, which belong to the time since those before."""
+        if self._samples:
             self._imu_at_s = self._time.now()
             self._inertial.take(np.array(self._samples), self._imu_at_s)
             self._samples.clear()
-        return reports
 
     def _write_moves(self, chosen: Sequence[int], times_ms: FloatArray) -> None:
         """One packet for all servos that have the same time."""

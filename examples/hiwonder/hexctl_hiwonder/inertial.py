@@ -33,7 +33,7 @@ MEDIAN_OF = 3
 #: Longest time without a report over which the last rate is assumed.
 LONGEST_S = 0.2
 
-UP = np.array([0.0, 0.0, 1.0])
+UP, TINY = np.array([0.0, 0.0, 1.0]), 1e-12
 
 
 class Inertial:
@@ -58,49 +58,35 @@ class Inertial:
         newest = list(self._recent)[-max(MEDIAN_OF, len(samples)) :]
         acceleration, rate_deg_s = np.split(np.median(newest, axis=0), 2)
         self._measure_offset()
-        duration_s, self._at_s = at_s - self._at_s, at_s
+        duration_s, self._at_s = min(at_s - self._at_s, LONGEST_S), at_s
         if self._offset_deg_s is None:
             return
-        if self.quaternion is None or duration_s > LONGEST_S:
+        if self.quaternion is None:
             self._begin(np.mean(self._recent, axis=0)[:3])
             return
-        rate = np.radians(rate_deg_s - self._offset_deg_s)
+        self.angular_velocity_rad_s = rate = np.radians(rate_deg_s - self._offset_deg_s)
         size = float(np.linalg.norm(acceleration))
-        correction = np.zeros(3)
         if abs(size - 1) < NEAR_G:
             up = turned(inverse(self.quaternion), UP)
-            correction = CORRECTED_PER_S * np.cross(acceleration / size, up)
-        self.angular_velocity_rad_s = rate
-        self.quaternion = _integrated(self.quaternion, rate + correction, duration_s)
+            rate = rate + CORRECTED_PER_S * np.cross(acceleration / size, up)
+        self.quaternion = product(self.quaternion, _turn(rate * duration_s))
 
     def _measure_offset(self) -> None:
-        """Take the mean rate as the offset while nothing moves."""
-        if len(self._recent) < STILL_SAMPLES:
-            return
-        recent = np.array(self._recent)
-        offset = recent[:, 3:].mean(axis=0)
-        still = np.ptp(recent[:, 3:], axis=0).max() < STILL_DEG_S
-        level = abs(np.linalg.norm(recent[:, :3].mean(axis=0)) - 1) < NEAR_G
-        if still and level and np.abs(offset).max() <= MOST_OFFSET_DEG_S:
+        rates = np.array(self._recent)[:, 3:]
+        offset, still = rates.mean(axis=0), np.ptp(rates, axis=0).max() < STILL_DEG_S
+        if len(rates) == STILL_SAMPLES and still and np.abs(offset).max() <= MOST_OFFSET_DEG_S:
             self._offset_deg_s = offset
 
     def _begin(self, acceleration: FloatArray) -> None:
         """Begin level with the measured vertical; not if the IMU leans by more than 60 degrees."""
         up = acceleration / np.linalg.norm(acceleration)
-        if up[2] < 0.5:
-            self.quaternion = self.angular_velocity_rad_s = None
-            return
         axis = np.cross(up, UP)
-        sin = float(np.linalg.norm(axis))
-        yaw = self.quaternion if self.quaternion is not None else np.array([1.0, 0.0, 0.0, 0.0])
-        tilt = quaternion_about(axis / sin, np.arcsin(sin)) if sin > 0 else np.array([1.0, 0.0, 0.0, 0.0])
-        heading = np.array([yaw[0], 0.0, 0.0, yaw[3]])
-        self.quaternion = product(heading / np.linalg.norm(heading), tilt)
+        if up[2] > 0.5:
+            sin = float(np.linalg.norm(axis))
+            self.quaternion = _turn(axis / max(sin, TINY) * np.arcsin(sin))
 
 
-def _integrated(quaternion: FloatArray, rate_rad_s: FloatArray, duration_s: float) -> FloatArray:
-    angle = float(np.linalg.norm(rate_rad_s)) * duration_s
-    if angle == 0.0:
-        return quaternion
-    turned_by = product(quaternion, quaternion_about(rate_rad_s / np.linalg.norm(rate_rad_s), angle))
-    return np.asarray(turned_by / np.linalg.norm(turned_by))
+def _turn(angles_rad: FloatArray) -> FloatArray:
+    """Quaternion (4,) of a turn about an axis, with the angle as its length."""
+    angle_rad = float(np.linalg.norm(angles_rad))
+    return quaternion_about(angles_rad / max(angle_rad, TINY), angle_rad)
