@@ -69,12 +69,13 @@ class BoardService(ServedOptions):
 
     bus: Annotated[str | None, Typed(words="buses")] = None
     """Simulate servos on a serial bus instead, on a pseudo-terminal: dynamixel, feetech, lx16a, that of a
-    plug-in, or the board servo2040 with hobby servos; or two boards pca9685, on a socket. (default: a MAVLink
-    board)
+    plug-in, or a board of hobby servos: servo2040, maestro, ssc32; or two boards pca9685, on a socket.
+    (default: a MAVLink board)
     """
 
     model: str | None = None
-    """With --bus, model of all servos, such as ax12a or sts3215; with servo2040 its firmware, stock or fork.
+    """With --bus, model of all servos, such as ax12a or sts3215; with servo2040 its firmware, stock or fork;
+    with maestro mini24, mini18, mini12 or micro6, with ssc32 ssc32u or ssc32, which has no binary commands.
     (default: that of the robot file, else the usual one of the bus)
     """
 
@@ -86,7 +87,8 @@ class BoardService(ServedOptions):
     lost-id:3:tibia@8, same-id:3:tibia (that of the joint before it), only:1:coxa (all others are unplugged),
     bad-cable:3:femur:0.2, brown-out@12, battery:8.5@9 (volts), unplug@15, replug@18, garble:0.01, wild:0.01,
     wild-once@5, noise:0.5, echo; with servo2040 mute@10, trip:12@10, unplug@15, replug@18, garble:0.01; with
-    pca9685 nack:0.01, reset@10, unplug@15, replug@18. (default: nothing)
+    maestro and ssc32 the same but trip, and reset@10, torn:0.01; with maestro no-timeout, narrow, ignore,
+    crc; with pca9685 nack:0.01, reset@10, unplug@15, replug@18. (default: nothing)
     """
 
     def __post_init__(self) -> None:

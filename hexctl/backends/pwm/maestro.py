@@ -13,7 +13,6 @@ With CRC a CRC-7 follows each command. Each new error sends all channels home, a
 Center: off, to a position, or unchanged. Silence for the serial timeout is such an error.
 """
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
@@ -52,7 +51,7 @@ PER_US = 4
 TOUCHED, MOST_INPUT = 512, 1023
 
 #: How long an answer may take, how often a board is asked, the usual speed, and looks that show a limit.
-REPLY_S, TRIES, BAUD, SEEN = 0.05, 4, 115_200, 3
+REPLY_S, TRIES, BAUD, SEEN = 0.02, 4, 115_200, 3
 
 #: Serial timeout that is tested at the start, and by how much longer hexctl is silent for it.
 TESTED_S, MARGIN_S = 0.5, 0.05
@@ -154,10 +153,10 @@ class Maestro:
         self._order = np.argsort(pwm_map.outputs)
         boards = range(len(self._settings.devices))
         self._error_questions = [self._settings.command(board, ERRORS) for board in boards]
-        self._before = self._sent = np.zeros(N_JOINTS, dtype=np.int64)  # in quarters of a microsecond
+        self._sent = np.zeros(N_JOINTS, dtype=np.int64)  # in quarters of a microsecond
         self._looked_at = 0
         self._fault: str | None = None
-        self._ends = Counter[tuple[int, int]]()  # joints and their pulses that were not as sent
+        self._limited = [0] * N_JOINTS  # looks in a row at pulses that were not as sent
         self.notes: list[str] = []
         self._errors_at_first = self._identify()
         self._lift_limits()
@@ -297,16 +296,17 @@ class Maestro:
             return ()
         if not differ.any():
             return tuple(f"the Maestro reports a {name}" for name in names)
-        end = self._looked_at, int(found[self._looked_at])
-        self._ends[end] += bool(differ[self._looked_at] and (found != self._before).any())  # not a lost pose
-        if self._ends[end] == SEEN:
-            name = self._map.servo_name(self._looked_at)
+        joint = self._looked_at
+        self._send(self._sent)  # a pose may get lost; a limit stays
+        made = self._ask([self._position(int(self._map.outputs[joint]))])
+        self._limited[joint] = 0 if made in (None, [self._sent[joint]]) else self._limited[joint] + 1
+        if self._limited[joint] == SEEN:
+            name = self._map.servo_name(joint)
             self.notes.append(f"the Maestro limits pulses of {name}; set its Min and Max in Control Center")
-            self._ends[end] += 1
         return ()
 
-    def _send(self, quarters: FloatArray) -> None:
-        self._before, self._sent = self._sent, quarters.astype(np.int64)
+    def _send(self, quarters: FloatArray | IntPerJoint) -> None:
+        self._sent = quarters.astype(np.int64)
         outputs, values = self._map.outputs[self._order], self._sent[self._order]
         self._line.write(self._settings.pose(outputs.tolist(), values.tolist()))
 

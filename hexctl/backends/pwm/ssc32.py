@@ -32,7 +32,7 @@ OUTPUTS, PULSES_US = 32, (500.0, 2500.0)
 US_PER_COUNT = 10
 
 #: How long an answer may take, beyond the guide's 5 ms, and how often a question is repeated.
-REPLY_S, SLOWEST_S, TRIES = 0.04, 0.005, 4
+REPLY_S, SLOWEST_S, TRIES = 0.02, 0.005, 4
 
 #: Looks in a row at pulses that were not sent, after which the board does not obey.
 STRANGE = 10

@@ -1,11 +1,15 @@
 """Simulated boards of hobby servos: in a thread of the test, or in memory on simulated time."""
 
+import os
 import random
+import tty
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pkgutil import resolve_name
 from typing import Any
 from unittest.mock import patch
+
+import pytest
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import WallClock
@@ -13,6 +17,8 @@ from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.pca9685 import Pca9685Servos
 from hexctl.backends.pwm.pulse_board import find_board, pwm_map_of
 from hexctl.backends.pwm.pwm_map import PwmMap
+from hexctl.backends.pwm.servos import PwmServos
+from hexctl.errors import RobotFaultError
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.pca9685_board import Pca9685Board
 from hexctl.simulators.servo2040_board import Servo2040Board
@@ -85,6 +91,20 @@ def loses_poses(device: MemoryDevice[Any], share: float = 0.2) -> None:
         return b"" if len(data) >= 30 and rng.random() < share else data
 
     device.receive = lossy  # type: ignore[method-assign]
+
+
+def nonsense_answers(kind: type[PwmServos], pwm_map: PwmMap, noise: bytes) -> bytes:
+    """What servos ask of a device that has sent noise, at which they must find no board."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    try:
+        os.write(master, noise)
+        with pytest.raises(RobotFaultError, match=r"no .* answers"):
+            kind(shipped(), pwm_map=pwm_map, port=os.ttyname(slave)).connect()
+        return os.read(master, 1000)
+    finally:
+        os.close(master)
+        os.close(slave)
 
 
 def i2c_servos_on(board: Pca9685Board) -> Pca9685Servos:

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.maestro import MaestroServos, crc7, settings_of
@@ -19,7 +21,7 @@ from hexctl.testing.servo_conformance import move
 from hexctl.types import FloatArray
 from hexctl.waiting import wait_for
 from tests.backends.powering import HobbyServosConformance
-from tests.backends.pwm.boards import a_map, loses_poses, memory_board, servos_on
+from tests.backends.pwm.boards import a_map, loses_poses, memory_board, nonsense_answers, servos_on
 from tests.backends.standing import next_state, stand, until
 from tests.robots import shipped
 
@@ -267,3 +269,16 @@ def test_a_section_that_no_maestro_can_have_is_refused(section: dict[str, Any], 
 def test_a_speed_at_which_a_pose_takes_too_long_is_refused() -> None:
     with pytest.raises(InputError, match="9600 baud, at which a pose of 39 bytes takes 41 of 20 ms"):
         MaestroServos(shipped(), pwm_map=maestro_map(), port="/dev/ttyUSB0:9600")
+
+
+@pytest.mark.parametrize("noise", [b"\x00\xff\xc7" * 50, b"\xff\xff", b"SSC32-V2.50USB\r"])
+def test_a_device_that_talks_nonsense_is_no_board(noise: bytes) -> None:
+    asked = nonsense_answers(MaestroServos, maestro_map(), noise)
+    assert set(asked) <= {0xA1, 0xAA, 12, 0x21}, "nothing but questions was sent"
+
+
+@given(st.binary(max_size=80), st.booleans())
+def test_no_bytes_break_the_simulated_board(data: bytes, crc: bool) -> None:
+    board = SimulatedMaestro(18, 12, crc=crc)
+    board.feed(data, 0.0)
+    assert len(board.targets) == 18

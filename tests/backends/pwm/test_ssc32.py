@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hexctl.backends.pwm.pwm_map import PwmMap
 from hexctl.backends.pwm.ssc32 import Ssc32Servos, binary_move, text_move
@@ -13,7 +15,7 @@ from hexctl.simulators.ssc32_board import SimulatedSsc32
 from hexctl.types import FloatArray
 from tests.backends.bus.boards import MemoryDevice
 from tests.backends.powering import HobbyServosConformance
-from tests.backends.pwm.boards import a_map, loses_poses, memory_board, servos_on
+from tests.backends.pwm.boards import a_map, loses_poses, memory_board, nonsense_answers, servos_on
 from tests.backends.standing import stand, until
 from tests.robots import shipped
 
@@ -159,3 +161,18 @@ def test_the_speed_of_a_new_board_is_refused_with_one_that_fits() -> None:
         InputError, match="9600 baud, at which a pose of 57 bytes takes 59 of 20 ms; allowed: 38400"
     ):
         Ssc32Servos(shipped(), pwm_map=ssc32_map(), port="/dev/ttyUSB0:9600")
+
+
+@pytest.mark.parametrize("noise", [b"\x00\xff\xc7" * 50, b"\xa1\x00", b"SSC3\r"])
+def test_a_device_that_talks_nonsense_is_no_board(noise: bytes) -> None:
+    asked = nonsense_answers(Ssc32Servos, ssc32_map(), noise)
+    assert not asked.replace(b"VER\r", b""), "nothing but questions was sent"
+
+
+@given(
+    st.lists(st.one_of(st.binary(max_size=20), st.sampled_from([b"#1P", b"QP", b"T9", b"\r"]))), st.booleans()
+)
+def test_no_bytes_break_the_simulated_board(parts: list[bytes], is_binary: bool) -> None:
+    board = SimulatedSsc32("SSC32-1.06XE", is_binary=is_binary)
+    board.feed(b"".join(parts), 0.0)
+    assert board.pulses_us(1.0).max() <= 2500
