@@ -23,7 +23,7 @@ CEILINGS = {
     "robot": 7_297,
     "runs": 1_045,
     "server": 3_980,
-    "simulators": 3_798,
+    "simulators": 3_800,
     "study": 6_995,
     "teleop": 1_970,
     "testing": 640,
