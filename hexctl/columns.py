@@ -141,7 +141,7 @@ COLUMNS: tuple[Column, ...] = (
         message="twist",
     ),
     _column("leg_suspicion", LEG_NAMES, "suspicion_{}"),  # an alarm at 1
-    _column("wanted_rad", JOINT_NAMES, "wanted_{}_rad"),  # which the controller returned
+    _column("requested_rad", JOINT_NAMES, "requested_{}_rad"),  # which the controller returned
     Column("late_s"),  # how much later than planned the tick began
     Column("work_s"),
 )

@@ -293,7 +293,11 @@ def connection_notes(servos: LegServos, assumed: Failures) -> list[str]:
 
 def _unreported(robot: Robot, state: RobotState) -> str:
     """Sensors of the robot file without a report, in words; others may report later, or from elsewhere."""
-    silent = {"joint_positions": not state.measured, "foot_contacts": state.foot_contacts is None}
+    silent = {
+        "joint_positions": not state.measured,
+        "joint_loads": state.joint_torques_nm is None,
+        "foot_contacts": state.foot_contacts is None,
+    }
     missing = [sensor for sensor in robot.sensors if silent.get(sensor)]
     return in_words(missing) if missing else ""
 

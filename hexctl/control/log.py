@@ -124,7 +124,7 @@ class TickLog:
         columns["time_s"][row] = tick.time_s
         columns["late_s"][row] = tick.late_s
         columns["phase"][row] = PHASES.index(self.phase)
-        columns["wanted_rad"][row] = requested_rad
+        columns["requested_rad"][row] = requested_rad
         columns["commanded_rad"][row] = sent.joint_positions_rad
         for column in SENSED:
             if (values := getattr(state, column.source)) is not None:

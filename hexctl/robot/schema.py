@@ -416,7 +416,7 @@ class RobotSchema(Section):
             return self.sensors
         joints = [getattr(self.servos, name) for name in JOINT_NAMES]
         foot_switches = any(joint.touch is not None for joint in joints)
-        return usual_sensors(self.servos.driver, foot_switches=foot_switches)
+        return usual_sensors(self.servos.driver, self.servos.model, foot_switches=foot_switches)
 
     @field_validator("unknown")
     @classmethod

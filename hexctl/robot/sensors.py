@@ -3,34 +3,34 @@
 from collections.abc import Collection
 from typing import Literal, get_args
 
-from hexctl.robot.servos.drivers import bus_drivers
+from hexctl.robot.servos.drivers import is_board
 
-Sensor = Literal["joint_positions", "joint_loads", "foot_contacts", "imu", "position"]
+Sensor = Literal["joint_positions", "joint_velocities", "joint_loads", "foot_contacts", "imu", "position"]
 
 #: Every sensor, in the order of robot files. `joint_positions` are measured angles, not echoed targets,
-#: `joint_loads` torques from load or current, `foot_contacts` switches at the feet; an `imu` measures
-#: orientation and angular velocity, and `position` is a pose in the room: of a camera, tracker or lidar.
+#: `joint_velocities` those that servos report, which no driver of hexctl reads, and `joint_loads` torques
+#: from load or current. `foot_contacts` are switches at the feet. An `imu` measures orientation and angular
+#: velocity, and `position` is a pose in the room: of a camera, tracker or lidar.
 SENSORS: tuple[Sensor, ...] = get_args(Sensor)
 
-#: Those that the driver of the servos brings; servos on a bus report at least their angles.
-_OF_DRIVER: dict[str | None, tuple[Sensor, ...]] = {
-    None: SENSORS,
-    "dynamixel": ("joint_positions", "joint_loads"),
-    "feetech": ("joint_positions", "joint_loads"),
-    "lx16a": ("joint_positions",),
-    "servo2040": (),
-    "pca9685": (),
-}
+#: Models of servos on a bus that report their load; no board does.
+_WITH_LOAD = frozenset({"xl430-w250", "xl320", "ax12a", "ax18a", "sts3215", "sts3032", "scs0009"})
+
+#: Usual models of drivers whose models report a load.
+_USUAL = {"dynamixel": "xl430-w250", "feetech": "sts3215"}
 
 
-def usual_sensors(driver: str | None, *, foot_switches: bool) -> tuple[Sensor, ...]:
-    """Sensors of a robot file that states none: those of its servos; all without a driver."""
-    own = _OF_DRIVER[driver] if driver in _OF_DRIVER else _of_plugin(driver)
-    return in_order({*own, "foot_contacts"}) if foot_switches else own
+def usual_sensors(driver: str | None, model: str | None, *, foot_switches: bool) -> tuple[Sensor, ...]:
+    """Sensors of a robot file that states none: those of its servos; all without a driver.
 
-
-def _of_plugin(driver: str | None) -> tuple[Sensor, ...]:
-    return ("joint_positions",) if driver in bus_drivers() else ()
+    The model None is the usual one of the driver.
+    """
+    if driver is None:
+        return SENSORS
+    own: set[str] = {"foot_contacts"} if foot_switches or driver == "servo2040" else set()
+    if not is_board(driver):
+        own |= {"joint_positions", *(["joint_loads"] if (model or _USUAL.get(driver)) in _WITH_LOAD else [])}
+    return in_order(own)
 
 
 def failures_shown(sensors: Collection[str]) -> str:

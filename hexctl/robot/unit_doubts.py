@@ -91,7 +91,7 @@ def _angle_doubts(content: RobotSchema) -> Iterator[str]:
         key = next(iter(ranges)) if len(ranges) == 1 else "joints"
         yield doubt(key, [end for ends in ranges.values() for end in ends], "tens of degrees", ANGLES)
     yaws_deg = [math.degrees(mount.yaw_rad) for mount in content.mounts]
-    if max(map(abs, yaws_deg)) <= LEAST_RANGE_DEG:
+    if 0 < max(map(abs, yaws_deg)) <= LEAST_RANGE_DEG:
         yield doubt("mounts", yaws_deg, "legs that point all round", ANGLES)
 
 

@@ -96,7 +96,7 @@ def test_each_tick_reads_what_the_last_one_wrote_and_is_recorded() -> None:
         [joint for _, joint in controller.asked], [stance, *(stance + 0.01 * step for step in range(9))]
     )
     assert [sent.stamp_s for sent in servos.sent] == log["time_s"].tolist()
-    np.testing.assert_array_equal(log["commanded_rad"], log["wanted_rad"])
+    np.testing.assert_array_equal(log["commanded_rad"], log["requested_rad"])
     np.testing.assert_array_equal(log["measured_rad"][-1], state.joint_positions_rad)
     assert state.stamp_s == pytest.approx(log["time_s"][-1])
     assert (log["work_s"] >= 0).all()

@@ -136,7 +136,7 @@ def test_a_controller_made_beforehand_walks_and_stops_softly_also_if_it_ends_the
     given, log = _walked(Walk(ANT, plan.gait, plan.motion(0.0), period_s=0.02), servos=PosedMock())
     assert (given.status, log.walked_ticks) == ("ok", 26)
     np.testing.assert_array_equal(
-        log["wanted_rad"][log.rows_of("walk")], whole["wanted_rad"][whole.rows_of("walk")][:26]
+        log["requested_rad"][log.rows_of("walk")], whole["requested_rad"][whole.rows_of("walk")][:26]
     )
     stop = log.rows_of("stop")
     assert stop.stop - stop.start == soft_stop_steps(0.02)
@@ -234,7 +234,7 @@ def test_a_function_of_step_and_state_is_a_controller_and_a_maker_may_give_one()
         assert result.controller == name
         walk = log.rows_of("walk")
         wanted = [sway(step, state) for step in range(walk.stop - walk.start)]
-        np.testing.assert_array_equal(log["wanted_rad"][walk], wanted)
+        np.testing.assert_array_equal(log["requested_rad"][walk], wanted)
 
 
 def test_a_function_walks_the_same_alone_and_in_a_batch() -> None:

@@ -50,7 +50,7 @@ def test_every_tick_is_kept_as_it_came_however_many_there_are() -> None:
     for column, added in (
         ("measured_rad", 0.1),
         ("base_position_world", 0.2),
-        ("wanted_rad", 0.3),
+        ("requested_rad", 0.3),
         ("commanded_rad", 0.4),
     ):
         np.testing.assert_array_equal(log[column][:, 0], expected + added)
@@ -95,7 +95,7 @@ def test_a_log_is_not_changed_by_what_happens_to_the_messages_later() -> None:
     log.record(Tick(1, 0.02), state, wanted, JointTargets(wanted, 0.02))
     wanted[:] = 9
     assert (log["measured_rad"] == 0).all()
-    assert (log["wanted_rad"] == 0).all()
+    assert (log["requested_rad"] == 0).all()
     assert (log["commanded_rad"] == 0).all()
 
 
@@ -111,7 +111,7 @@ def test_a_frame_has_a_row_per_tick_and_a_column_per_joint() -> None:
     for column, name in (
         ("measured_rad", "measured"),
         ("commanded_rad", "commanded"),
-        ("wanted_rad", "wanted"),
+        ("requested_rad", "requested"),
     ):
         for joint in ("leg1_coxa", "leg4_tibia"):
             place = JOINT_NAMES.index(joint)

@@ -171,8 +171,8 @@ def test_what_the_servos_round_is_recorded_and_is_no_clipping() -> None:
     with Guard(servos) as guard:
         result = run_trial(guard, TrialPlan(gait=slow, duration_s=2), recorders=(log,))
     assert result.clipped_ticks == guard.counters.clipped == 0
-    assert (log["commanded_rad"] != log["wanted_rad"]).any()
-    np.testing.assert_array_equal(log["commanded_rad"], np.round(log["wanted_rad"], 2))
+    assert (log["commanded_rad"] != log["requested_rad"]).any()
+    np.testing.assert_array_equal(log["commanded_rad"], np.round(log["requested_rad"], 2))
 
 
 def test_ticks_are_counted_as_clipped_in_the_walk_only() -> None:
@@ -181,7 +181,7 @@ def test_ticks_are_counted_as_clipped_in_the_walk_only() -> None:
     servos.write(JointTargets(shipped().stance_angles_rad - 0.8, 0.0))
     guard = Guard(servos)
     result = run_trial(guard, _plan(settle_s=0.2), recorders=(log,))
-    changed = (log["commanded_rad"] != log["wanted_rad"]).any(axis=-1)
+    changed = (log["commanded_rad"] != log["requested_rad"]).any(axis=-1)
     assert changed[log.rows_of("settle")].any()
     assert guard.counters.clipped == changed.sum()
     assert result.clipped_ticks == changed[log.rows_of("walk")].sum()

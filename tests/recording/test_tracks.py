@@ -85,7 +85,7 @@ def test_polygon_and_centre_of_gravity_are_those_of_the_measured_robot(read: Rea
 
 
 def test_clipped_targets_and_missed_ticks_are_marked_and_told(trial: Trial, tmp_path: Path) -> None:
-    sent = trial.log["wanted_rad"].copy()
+    sent = trial.log["requested_rad"].copy()
     sent[60:63, 4] += 0.01
     times = trial.log["time_s"].copy()
     times[100:] += 0.06

@@ -5,10 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from hexctl.backends.bus.family import find_family
 from hexctl.errors import InputError
 from hexctl.robot.formats.json_model import robot_from_json, robot_to_json
 from hexctl.robot.loader import load_robot
-from hexctl.robot.sensors import SENSORS
+from hexctl.robot.sensors import SENSORS, usual_sensors
+from hexctl.robot.servos.drivers import BOARDS, FAMILIES
 from tests.robots import edited_file, put, shipped
 
 
@@ -26,6 +28,20 @@ from tests.robots import edited_file, put, shipped
 )
 def test_a_robot_measures_what_its_servos_report(name: str, sensors: tuple[str, ...]) -> None:
     assert shipped(name).sensors == sensors
+
+
+@pytest.mark.parametrize("driver", [*FAMILIES, *BOARDS])
+def test_a_robot_has_loads_if_its_servos_report_them(driver: str) -> None:
+    models = find_family(driver).models if driver in FAMILIES else ()
+    for model, usual in [
+        *((model, model.name) for model in models),
+        *((model, None) for model in models[:1]),
+    ]:
+        reported = model.registers is not None and model.registers.effort is not None
+        sensors = ("joint_positions", "joint_loads") if reported else ("joint_positions",)
+        assert usual_sensors(driver, usual, foot_switches=False) == sensors
+    if driver in BOARDS:
+        assert usual_sensors(driver, None, foot_switches=True) == ("foot_contacts",)
 
 
 def test_a_file_says_what_else_a_robot_measures(tmp_path: Path) -> None:

@@ -207,7 +207,7 @@ class PwmServos(PortServos[PwmMap, BoardThread, PortCounters]):
             stamp_s=max(0.0, self._clock.now_s - age_s),
             measured=False,
             age_s=age_s,
-            foot_contacts=None if report.contacts is None else report.contacts.copy(),
+            foot_contacts=self._foot_contacts(report),
             healthy=fault is None,
             fault=fault,
             battery_v=report.voltage_v,
@@ -215,6 +215,11 @@ class PwmServos(PortServos[PwmMap, BoardThread, PortCounters]):
             current_a=report.current_a,
             warnings=report.warnings,
         )
+
+    def _foot_contacts(self, report: BoardReport) -> BoolArray | None:
+        """Contacts of the switches that the robot file has: inputs without one read as no contact."""
+        switched = "foot_contacts" in self._robot.sensors
+        return report.contacts.copy() if switched and report.contacts is not None else None
 
     def _fault(self, gone: str | None, report: BoardReport) -> str | None:
         if gone is not None:

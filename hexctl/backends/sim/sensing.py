@@ -76,16 +76,19 @@ class FaultyPose:
         self._frozen: dict[tuple[float, float], tuple[FloatArray, FloatArray]] = {}
 
     def seen(
-        self, position: FloatArray, quaternion: FloatArray, stamp_s: float
+        self, position: FloatArray, quaternion: FloatArray, stamp_s: float, *, tracked: bool
     ) -> tuple[FloatArray, FloatArray]:
-        """Displayed positions (..., 3) and orientations (..., 4) of the true ones at a time."""
+        """Displayed positions (..., 3) and orientations (..., 4) of the true ones at a time.
+
+        Only a `tracked` pose freezes, not the orientation of an IMU alone.
+        """
         faults = self._faults
         if faults.yaw_drift_deg_per_min:
             quaternion = turned(quaternion, math.radians(faults.yaw_drift_deg_per_min) * stamp_s / 60)
         if _in_force(faults.position_jump_s, stamp_s):
             position = position + np.array(faults.position_jump_m)
         # Each current interval has the pose of its beginning.
-        now = _in_force(faults.pose_frozen_s, stamp_s)
+        now = _in_force(faults.pose_frozen_s, stamp_s) if tracked else []
         self._frozen = {interval: self._frozen.get(interval, (position, quaternion)) for interval in now}
         if not now:
             return position, quaternion
@@ -286,7 +289,7 @@ class Sensors:
         if world.latency_steps:
             sensors.age_s = world.latency_steps * world.time_step_s
             whole_ticks, sensors.steps_after = divmod(world.latency_steps, world.steps_per_tick)
-            sensors.late = deque([sensors._measured()] * (whole_ticks + 1), maxlen=whole_ticks + 1)
+            sensors.late = deque([sensors._snapshot()] * (whole_ticks + 1), maxlen=whole_ticks + 1)
         return sensors
 
     def copies(self, memory: SensorMemory, n: int) -> "Sensors":
@@ -304,7 +307,7 @@ class Sensors:
     def keep(self) -> None:
         """Measure a state for later reads, once per tick."""
         if self.late is not None:
-            self.late.append(self._measured())
+            self.late.append(self._snapshot())
 
     def draw(self) -> None:
         """Draw the errors and the loss of the next tick."""
@@ -314,32 +317,34 @@ class Sensors:
     def read(self, now_s: float) -> RobotState:
         """State that the robots report at a time."""
         noise, stamp_s = self.noise, now_s - self.age_s
-        seen = self._measured() if self.late is None else self.late[0]
+        seen = self._snapshot() if self.late is None else self.late[0]
         joints = seen.qpos[..., FIRST_JOINT:] - self.offsets_rad
         position, quaternion = seen.qpos[..., :3], seen.qpos[..., 3:FIRST_JOINT]
         if not noise.silent:
             joints = joints + noise.joints_rad
             position = position + noise.position_m
             quaternion = noise.turned(quaternion)
+        own = self.measured
+        tracked = "position" in own
         if not self.faulty_pose.none:
-            position, quaternion = self.faulty_pose.seen(position, quaternion, stamp_s)
-        own, pose_came = self.measured, not self.pose_loss.lost
-        turns = pose_came and not own.isdisjoint({"imu", "position"})
+            position, quaternion = self.faulty_pose.seen(position, quaternion, stamp_s, tracked=tracked)
+        pose_lost = tracked and self.pose_loss.lost
+        turns = not pose_lost and not own.isdisjoint({"imu", "position"})
         echoes = "joint_positions" not in own
         return RobotState(
             self.memory.sent_rad.copy() if echoes else joints,
             stamp_s,
             not echoes,
-            position if pose_came and "position" in own else None,
+            position if tracked and not pose_lost else None,
             quaternion if turns else None,
             seen.touch > 0 if "foot_contacts" in own else None,
             self.age_s,
             joint_torques_nm=seen.torques_nm if "joint_loads" in own else None,
-            joint_velocities_rad_s=None if echoes else seen.qvel[..., FIRST_SPEED:],
+            joint_velocities_rad_s=seen.qvel[..., FIRST_SPEED:] if "joint_velocities" in own else None,
             angular_velocity_body_rad_s=seen.qvel[..., FIRST_TURN:FIRST_SPEED] if "imu" in own else None,
         )
 
-    def _measured(self) -> Snapshot:
+    def _snapshot(self) -> Snapshot:
         memory = self.memory
         torques_nm = self.torques.applied(memory.forces_nm, memory.qvel, memory.qpos, memory.asked_rad)
         return Snapshot(memory.qpos.copy(), memory.touch.copy(), torques_nm, memory.qvel.copy())

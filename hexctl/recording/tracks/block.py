@@ -82,7 +82,7 @@ class Block:
     def swing(self, lead: int) -> BoolArray:
         """Whether each foot is commanded to swing, preceded by `lead` rows; none while settling."""
         robot = self.subject.robot
-        height = foot_heights_body(robot, self.led("wanted_rad", lead)) - robot.stance_feet_body[:, 2]
+        height = foot_heights_body(robot, self.led("requested_rad", lead)) - robot.stance_feet_body[:, 2]
         moving = self.led("phase", lead) != PHASES.index("settle")
         return np.asarray((height > LIFTED_M) & moving[:, np.newaxis])
 

@@ -54,7 +54,7 @@ def _notes(block: Block) -> Iterator[Event]:
 
 
 def _clipped(block: Block) -> Iterator[Event]:
-    led = clipped_joints(block.led("wanted_rad"), block.led("commanded_rad"))
+    led = clipped_joints(block.led("requested_rad"), block.led("commanded_rad"))
     own = block.without_lead(led)
     for row in block.changes(led.any(axis=-1)).tolist():
         names = [name for name, clipped in zip(JOINT_NAMES, own[row], strict=True) if clipped]

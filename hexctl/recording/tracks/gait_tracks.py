@@ -70,6 +70,6 @@ def send_feet(block: Block) -> None:
 
 def send_guard(block: Block) -> None:
     """Send changed targets and missed ticks."""
-    states = clipped_joints(block.led("wanted_rad"), block.led("commanded_rad")).any(axis=-1).astype(int)
+    states = clipped_joints(block.led("requested_rad"), block.led("commanded_rad")).any(axis=-1).astype(int)
     states[skipped_ticks(block.led("time_s")) > 0] = 2
     block.send_states(paths.GUARD, states, style.GUARD_STATES)

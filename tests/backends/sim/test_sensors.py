@@ -6,7 +6,9 @@ from itertools import chain, combinations
 import numpy as np
 import pytest
 
+from hexctl.backends.sim.flaws import SensorFaults
 from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.world import World
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import make_gait
@@ -16,7 +18,8 @@ from tests.robots import shipped
 
 #: Fields of a state by the sensor that fills them; an orientation comes from either of two.
 FIELDS: dict[Sensor, tuple[str, ...]] = {
-    "joint_positions": ("joint_velocities_rad_s",),
+    "joint_positions": (),
+    "joint_velocities": ("joint_velocities_rad_s",),
     "joint_loads": ("joint_torques_nm",),
     "foot_contacts": ("foot_contacts",),
     "imu": ("base_quaternion_world", "angular_velocity_body_rad_s"),
@@ -45,6 +48,23 @@ def test_a_state_has_exactly_what_the_robot_measures(sensors: tuple[Sensor, ...]
     assert {field for field in fields if getattr(state, field) is not None} == expected
     assert state.measured == ("joint_positions" in sensors)
     assert np.array_equal(state.joint_positions_rad, targets) != state.measured
+
+
+@pytest.mark.parametrize(
+    ("sensors", "lost"), [(("imu",), False), (("position",), True)], ids=("imu", "camera")
+)
+def test_a_pose_that_is_lost_is_that_of_a_tracker(sensors: tuple[Sensor, ...], lost: bool) -> None:
+    robot = replace(shipped(), sensors=sensors)
+    gone = World(lost_poses=0.9, sensor_faults=SensorFaults(pose_frozen_s=((0.0, 9.0),)))
+    with SimServos(robot, world=gone) as servos:
+        turns = []
+        for _ in range(40):
+            servos.clock.tick()
+            servos.write(JointTargets(robot.stance_angles_rad + 0.1, servos.clock.now_s))
+            turns.append(servos.read().base_quaternion_world)
+    seen = [turn for turn in turns if turn is not None]
+    assert (len(seen) < len(turns)) == lost
+    assert (len({tuple(turn) for turn in seen}) == 1) == lost
 
 
 def test_all_sensors_are_those_of_a_robot_that_has_them() -> None:

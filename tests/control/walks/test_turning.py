@@ -113,7 +113,7 @@ def test_a_small_turn_is_as_exact_and_the_robot_stands_still_after_it(turn_deg: 
     assert math.degrees(result.turned_rad) == pytest.approx(turn_deg, abs=0.15)
     before = log.rows_of("turn").stop
     stance_rad = shipped().stance_angles_rad
-    np.testing.assert_allclose(log["wanted_rad"][before - 1], stance_rad, atol=1e-9)
+    np.testing.assert_allclose(log["requested_rad"][before - 1], stance_rad, atol=1e-9)
     moved = np.diff(log["base_position_world"][before - 5 : before], axis=0)
     assert np.abs(moved).max() < 1e-4
 

@@ -165,7 +165,7 @@ def test_a_tucked_leg_stays_up_and_the_body_shifts_over_its_feet() -> None:
     log, rows = outcome.log, outcome.log.rows_of("walk")
     assert outcome.result.status == "ok"
     assert not log["foot_contacts"][rows][120:, 4].any()
-    feet = foot_positions_body(robot, log["wanted_rad"][rows][120:])
+    feet = foot_positions_body(robot, log["requested_rad"][rows][120:])
     other = np.delete(feet - robot.stance_feet_body, 4, axis=1)
     assert other[..., 1].mean() == pytest.approx(-0.02 * robot.size_m, abs=0.002)
 
