@@ -8,7 +8,7 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 CEILINGS = {
     "": 2_440,
     "adapt": 7_712,
-    "backends": 11_742,
+    "backends": 11_760,
     "cli": 6_539,
     "client": 1_020,
     "control": 13_488,
