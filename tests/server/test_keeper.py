@@ -16,6 +16,7 @@ from hexctl.backends.bus.bus_map import BusMap, bus_map_of
 from hexctl.backends.bus.tools import scan_bus
 from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.i2c_socket import I2cSocket
+from hexctl.backends.pwm.pulse_board import pwm_map_of
 from hexctl.client.stop_client import clear_stop, estop
 from hexctl.control.controllers import SITTING_S, sitting_angles_rad
 from hexctl.errors import RobotFaultError
@@ -25,7 +26,7 @@ from hexctl.simulators.register_servos import BusServo
 from hexctl.types import JOINT_NAMES, FloatArray
 from tests.backends.bus.boards import MemoryBus, a_map, bus_board, memory_bus
 from tests.backends.mavlink.boards import board
-from tests.backends.pwm.boards import i2c_servos_on, pca9685_board
+from tests.backends.pwm.boards import i2c_servos_on, memory_board, pca9685_board, servos_on
 from tests.backends.pwm.i2c import byte_of
 from tests.backends.standing import until
 from tests.robots import edited_file, put
@@ -315,3 +316,33 @@ def test_a_robot_that_holds_is_not_told_anew_where_to_be() -> None:
         assert take_over(keeper("feetech", "phantomx", bus.path, sits=False)) == "holds"
         assert bus._family.goals(0.0) == pytest.approx(goals)
         assert all(servo.holds for servo in bus._servos)
+
+
+@pytest.mark.parametrize(
+    ("driver", "faults", "silent_s", "done"),
+    [
+        ("ssc32", (), 2.0, SAT),
+        ("maestro", ("no-timeout",), 2.0, SAT),
+        ("maestro", (), 0.2, SAT),
+        ("maestro", (), 0.5, "had no torque"),
+    ],
+)
+def test_it_lets_down_hobby_servos_whose_board_keeps_their_pulses(
+    driver: str,
+    faults: tuple[str, ...],
+    silent_s: float,
+    done: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A Maestro in its serial timeout has let them go already."""
+    file = edited_file(tmp_path, put("servos", {"tibia": {"offset_deg": 40}}))
+    pwm_map = pwm_map_of(load_robot_file(file).content.servos, driver)
+    with memory_board(pwm_map, *faults) as running:
+        time = SimpleNamespace(monotonic=running.time.now, sleep=running.time.sleep)
+        monkeypatch.setattr("hexctl.server.keeper.time", time)
+        with servos_on(running) as servos:
+            until(servos, lambda _: servos.powered.all())
+        running.time.sleep(silent_s)
+        assert done in take_over(keeper(driver, str(file), running.path))
+        assert not running.board.pulses_us().any()

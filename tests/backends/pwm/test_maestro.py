@@ -225,6 +225,19 @@ def test_a_board_that_falls_mute_is_a_fault_while_it_is(faults: tuple[str, ...])
             assert not running.board.pulses_us().any(), "no servo starts again by itself"
 
 
+def test_a_lost_port_is_reopened_and_the_legs_are_powered_one_after_the_other() -> None:
+    with memory_board(maestro_map()) as running, servos_on(running) as servos:
+        until(servos, lambda _: (running.board.pulses_us() > 0).all())
+        running.unplugged = True
+        assert "was lost" in str(until(servos, lambda state: not state.healthy).fault)
+        stand(servos, 30)
+        running.unplugged = False
+        until(servos, lambda state: state.healthy, write=False)
+        assert not running.board.pulses_us().any(), "its timeout ended them"
+        seen = {int((running.board.pulses_us() > 0).sum()) for _ in range(100) if stand(servos, 1)}
+        assert seen == {0, 3, 6, 9, 12, 15, 18}
+
+
 @pytest.mark.parametrize(
     ("faults", "options", "section", "named"),
     [

@@ -134,6 +134,16 @@ def test_a_board_that_falls_mute_is_a_fault_while_it_is(faults: tuple[str, ...])
             until(servos, lambda state: state.healthy)
 
 
+def test_a_lost_port_is_reopened_and_the_robot_stands_meanwhile() -> None:
+    with memory_board(ssc32_map()) as running, servos_on(running) as servos:
+        until(servos, lambda _: (running.board.pulses_us() > 0).all())
+        running.unplugged = True
+        assert "was lost" in str(until(servos, lambda state: not state.healthy).fault)
+        running.unplugged = False
+        until(servos, lambda state: state.healthy)
+        assert (running.board.pulses_us() > 0).all()
+
+
 @pytest.mark.parametrize(("faults", "baud"), [(("mute",), 115_200), ((), 38_400), (("garble:1",), 115_200)])
 def test_a_port_without_the_board_at_its_speed_is_named(faults: tuple[str, ...], baud: int) -> None:
     with memory_board(ssc32_map(), *faults, baud=baud) as running:

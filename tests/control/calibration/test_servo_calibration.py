@@ -25,7 +25,7 @@ from hexctl.types import JOINT_NAMES, FloatArray
 from tests.backends.bus.boards import memory_bus
 from tests.backends.fake_time import FakeTime
 from tests.backends.mavlink.boards import fitting_file
-from tests.backends.pwm.boards import memory_servo2040, pca9685_board
+from tests.backends.pwm.boards import memory_board, pca9685_board
 from tests.control.calibration.hands import ENDS_DEG, Hands, Watcher
 from tests.control.posed import readings
 from tests.robots import edited_file, put
@@ -79,7 +79,9 @@ def test_a_bus_is_calibrated_by_hand_and_left_limp(driver: str, tmp_path: Path) 
     assert {**kept, **section} == kept
 
 
-@pytest.mark.parametrize("driver", ["servo2040", pytest.param("pca9685", marks=pytest.mark.realtime)])
+@pytest.mark.parametrize(
+    "driver", ["servo2040", "maestro", "ssc32", pytest.param("pca9685", marks=pytest.mark.realtime)]
+)
 def test_a_board_of_hobby_servos_is_calibrated_by_their_motors(
     driver: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -87,14 +89,14 @@ def test_a_board_of_hobby_servos_is_calibrated_by_their_motors(
     mounted: dict[str, Any] = {"tibia": {"offset_deg": 40}, "leg1_coxa": {"id": 7}, "leg3_femur": {"id": 0}}
     true = {**mounted, "leg1_coxa": {"id": 7, "sign": -1, "offset_deg": 12}}
     true_map = pwm_map_of(ServosSection.model_validate(true), driver)
-    make: Any = memory_servo2040 if driver == "servo2040" else pca9685_board
-    with make(pwm_map=true_map) as board:
+    made: Any = pca9685_board(pwm_map=true_map) if driver == "pca9685" else memory_board(true_map)
+    with made as board:
         section = {**mounted, "driver": driver, "port": board.path, "if_computer_dies": "hold"}
         file = edited_file(tmp_path, put("servos", section))
 
         def true_deg() -> float:
-            by_output = board.board.pulses_us if driver == "servo2040" else board.pulses_us()
-            pulses_us = by_output[true_map.outputs] if driver == "servo2040" else by_output
+            twin = board if driver == "pca9685" else board.board
+            pulses_us = twin.pulses_us[true_map.outputs] if driver == "servo2040" else twin.pulses_us()
             return float(np.degrees(true_map.angles_rad(np.asarray(pulses_us)))[0])
 
         # Each step adds to the one before; the lower end, -20 deg, comes first.
@@ -105,7 +107,7 @@ def test_a_board_of_hobby_servos_is_calibrated_by_their_motors(
         monkeypatch.setattr("hexctl.cli.prompts.can_answer", lambda: True)
         assert exit_code(["calibrate", str(file), "--joints", "leg1_coxa"]) == 0
     assert f"saved leg1_coxa in {file}" in capsys.readouterr().err
-    assert any("output 7" in line for line in watcher.screen)
+    assert any(true_map.servo_name(0) in line for line in watcher.screen)
     kept = read_mapping(file)["servos"]
     found = kept.pop("leg1_coxa")
     assert (found["id"], found["sign"]) == (7, -1)
