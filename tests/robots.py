@@ -11,6 +11,7 @@ import yaml
 from hexctl.robot.configs import config_root
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
+from hexctl.types import JOINT_NAMES
 
 #: Shipped robots with priors and measured uncertainty.
 ROBOT_NAMES = ("ant", "phantomx", "pexod")
@@ -52,6 +53,12 @@ def drop(*path_and_key: Any) -> Edit:
         del _at(content, path)[last]
 
     return edit
+
+
+def with_ids(section: Content, first: int = 1) -> Content:
+    """A section `servos` in which joints without an id have one, from `first` on."""
+    ids = {name: {"id": first + joint, **section.get(name, {})} for joint, name in enumerate(JOINT_NAMES)}
+    return {**section, **ids}
 
 
 def edited_file(folder: Path, *edits: Edit, base: str = "ant") -> Path:

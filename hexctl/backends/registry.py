@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
 from hexctl.backends.base import LegServos
-from hexctl.backends.bus.bus_map import bus_map_of
+from hexctl.backends.bus.bus_map import bus_map_of, ids_mark
 from hexctl.backends.pwm.pulse_board import find_board, pwm_map_of
 from hexctl.errors import InputError, MissingExtraError, UnusedError, argument
 from hexctl.robot.failure import Failure, FailureEvent
@@ -23,6 +23,10 @@ from hexctl.robot.servos.servo_schema import ServosSection
 
 if TYPE_CHECKING:
     from hexctl.backends.sim.world import World
+
+
+#: Note of servos on a bus whose ids have not been compared with the legs that they move.
+NOT_WALKED_THROUGH = "ids not compared with legs yet: hexctl servos walk-through --robot FILE"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -211,9 +215,10 @@ def _bus(options: BackendOptions, *, driver: str) -> LegServos:
 
     section, file = options.servos_section, options.robot_file
     p_gain = None if file is None else file.p_gain
-    bus_map = bus_map_of(section, driver, p_gain, named=argument("backend"))
+    bus_map = bus_map_of(section, driver, p_gain, named=argument("backend"), moves=True)
     address = SerialAddress.parse(options.port or section.port, section.baud or bus_map.family.bauds[0])
-    return BusServos(options.robot, bus_map=bus_map, port=address.path, baud=address.baud)
+    note = "" if section.walked_through == ids_mark(section) else NOT_WALKED_THROUGH
+    return BusServos(options.robot, bus_map=bus_map, port=address.path, baud=address.baud, note=note)
 
 
 def _board(options: BackendOptions, *, driver: str) -> LegServos:

@@ -185,7 +185,8 @@ class BoardService(ServedOptions):
             board = twin(servos, pwm_map_of(section, driver), **more)
         else:
             given = {} if self.model is None else {"model": self.model}
-            bus_map = bus_map_of(section.model_copy(update=given), driver, named=argument("bus"))
+            own = section.model_copy(update=given)
+            bus_map = bus_map_of(own, driver, named=argument("bus"), moves=True)
             more = self._faults(BusBoard)
             board = BusBoard(servos, bus_map, baud=self.bits_per_s, **more)
         return board, board.path

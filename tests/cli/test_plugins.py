@@ -29,7 +29,7 @@ from hexctl.robot.plugins import plugin_names, plugins
 from hexctl.simulators.board_service import BoardService
 from hexctl.simulators.bus_servos import simulated_servos
 from tests.cli.conftest import Call
-from tests.robots import edited_file, put
+from tests.robots import edited_file, put, with_ids
 
 Install = Callable[..., None]
 
@@ -94,7 +94,7 @@ def test_a_family_is_a_driver_and_a_backend_by_its_name(install: Install, tmp_pa
     install(module=FAMILY, families="acme = outside:FAMILY\nother = outside:FAMILY\nno = outside:replace")
     assert completion.drivers("ac") == completion.backends("ac") == ["acme"]
     file = load_robot_file(
-        edited_file(tmp_path, put("servos", {"driver": "acme", "port": "x"}), base="phantomx")
+        edited_file(tmp_path, put("servos", with_ids({"driver": "acme", "port": "x"})), base="phantomx")
     )
     assert "outside" not in sys.modules, "a robot file imports no plug-in"
     bus_map = raw_map_of(file)

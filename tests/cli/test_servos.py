@@ -9,9 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from serial.tools.list_ports_common import ListPortInfo
 
 from hexctl.backends.bus.bus_map import bus_map_of
+from hexctl.backends.bus.servos import BusServos
+from hexctl.backends.registry import NOT_WALKED_THROUGH, BackendOptions, make_servos
 from hexctl.cli.main import exit_code
 from hexctl.robot.loader import load_robot_file
 from hexctl.types import JOINT_NAMES
@@ -90,6 +93,48 @@ def test_joints_are_identified_and_no_robot_file_is_written(
         assert "--output" in call(*words, code=2).err
 
 
+def test_a_robot_file_remembers_its_walk_through_until_its_ids_change(
+    call: Call, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with memory_bus(a_map()) as bus:
+        file = robot_file(tmp_path, 1, port=bus.path, model="sts3215")
+        words = ["servos", "walk-through", "--robot", str(file), "--yes", "--json"]
+        type_in(monkeypatch, "1\n3\n2\n4\n5\n6\n")
+        assert call(*words, code=3).json["right"] is False
+        assert _note(file) == NOT_WALKED_THROUGH
+        type_in(monkeypatch, "1\n2\n3\n4\n5\n6\n")
+        assert call(*words).json["right"] is True
+        assert _note(file) == ""
+    assert load_robot_file(file).content.servos.leg1_coxa.id == 1
+    mapping = yaml.safe_load(file.read_text())
+    mapping["servos"]["leg1_coxa"]["id"] = 99
+    file.write_text(yaml.safe_dump(mapping))
+    assert _note(file) == NOT_WALKED_THROUGH
+    assert "robot copy" in call("servos walk-through --robot phantomx-ax --yes", code=2).err
+
+
+def _note(file: Path) -> str:
+    """Note about the walk-through that the servos of a robot file have."""
+    found = load_robot_file(file)
+    servos = make_servos("feetech", BackendOptions(robot=found.robot, robot_file=found))
+    assert isinstance(servos, BusServos)
+    return servos._note
+
+
+@pytest.mark.parametrize("part", [("servos", {}), ("servos", {"leg1_coxa": {"id": 3}})])
+def test_a_bus_robot_without_ids_is_refused_with_the_command_that_finds_them(
+    part: tuple[str, dict[str, Any]], call: Call, tmp_path: Path
+) -> None:
+    file = str(edited_file(tmp_path, put(*part)))
+    for words in (
+        "run --backend feetech --port /dev/none --robot",
+        "serve --backend feetech --port /dev/none --robot",
+        "sim board --bus feetech --robot",
+        "servos walk-through --driver feetech --port /dev/none --robot",
+    ):
+        assert "hexctl servos identify --driver feetech" in call(words, file, code=2).err, words
+
+
 @pytest.mark.parametrize(("words", "model"), [((), "lx16a"), (("--model", "lx224"), "lx224")])
 def test_a_model_that_servos_do_not_tell_is_written(
     words: tuple[str, ...], model: str, call: Call, monkeypatch: pytest.MonkeyPatch
@@ -154,7 +199,7 @@ def test_that_no_usb_adapter_is_there_is_noted(
 def test_driver_and_port_of_a_calibration_come_from_the_robot_file(
     tmp_path: Path, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    file = robot_file(tmp_path, port="/dev/nothing")
+    file = robot_file(tmp_path, 1, port="/dev/nothing")
     before = file.read_text()
     monkeypatch.setattr(sys, "stdin", open(os.devnull))  # noqa: SIM115
     assert "calibrate: no answer can come on stdin" in call("calibrate", str(file), code=2).err

@@ -46,6 +46,7 @@ PARSED = {
     ("view",): "opens a window, until it is closed",
     ("drive",): "drives until a person ends it; tests/cli/test_drive.py does",
     ("calibrate",): "asks a person what each servo did",
+    ("walk-through",): "asks a person which leg moved",
     ("identify",): "moves the joints and fits for minutes; tests/identify has it",
     ("estop", "--ready"): "waits for a key of a terminal; tests/client/test_stop_client.py presses one",
     ("adapt", "--ask"): "asks a person where the robot is",

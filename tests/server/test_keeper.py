@@ -29,7 +29,7 @@ from tests.backends.mavlink.boards import board
 from tests.backends.pwm.boards import i2c_servos_on, memory_board, pca9685_board, servos_on
 from tests.backends.pwm.i2c import byte_of
 from tests.backends.standing import until
-from tests.robots import edited_file, put
+from tests.robots import edited_file, put, with_ids
 from tests.server.processes import Served, program, served, wait_until
 
 #: What a keeper says when all joints followed.
@@ -72,7 +72,7 @@ def test_ticks_that_end_are_a_server_that_hangs(ticks: bytes, stopped: bool) -> 
 
 
 def test_a_robot_file_that_is_edited_meanwhile_does_not_keep_it_from_the_servos(tmp_path: Path) -> None:
-    file = edited_file(tmp_path, put("servos", FITTING), base="phantomx")
+    file = edited_file(tmp_path, put("servos", with_ids(FITTING)), base="phantomx")
     spec = KeeperSpec(backend="feetech", robot=str(file), port="/dev/null", sits=True)
     before = spec.servos().robot
     file.write_text("servos: {", encoding="utf-8")
@@ -131,7 +131,9 @@ def _goals(folder: Path, device: str) -> FloatArray:
 @contextmanager
 def walking(folder: Path) -> Iterator[tuple[Served, str]]:
     """A robot on a simulated bus that walks, and the port of the bus."""
-    file = edited_file(folder, put("servos", FITTING), base="phantomx").rename(folder / "robot.yaml")
+    file = edited_file(folder, put("servos", with_ids(FITTING)), base="phantomx").rename(
+        folder / "robot.yaml"
+    )
     robot = ("--robot", str(file))
     with (
         board("--bus", "feetech", "--backend", "mock", *robot) as bus,
@@ -245,7 +247,7 @@ def test_it_lets_down_what_it_finds(
 ) -> None:
     """An expired watchdog, a hot servo, and one servo that has lost its torque do not keep it from that."""
     content = {**FITTING, "model": model}
-    file = edited_file(tmp_path, put("servos", content), base="phantomx")
+    file = edited_file(tmp_path, put("servos", with_ids(content)), base="phantomx")
     bus_map = bus_map_of(load_robot_file(file).content.servos, driver)
     faults = [fault] if fault else []
     with found_by_it(bus_map, *faults, monkeypatch=monkeypatch) as (bus, servos):
@@ -273,7 +275,7 @@ def test_joints_that_do_not_follow_keep_it_from_sitting_only_where_they_are_many
     tripped: tuple[int, ...], done: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Servos that have tripped stay limp until they restart; the others sit, and are limp afterwards."""
-    file = edited_file(tmp_path, put("servos", {**FITTING, "model": "xl430-w250"}), base="phantomx")
+    file = edited_file(tmp_path, put("servos", with_ids({**FITTING, "model": "xl430-w250"})), base="phantomx")
     bus_map = bus_map_of(load_robot_file(file).content.servos, "dynamixel")
     with found_by_it(bus_map, monkeypatch=monkeypatch) as (bus, servos):
         for joint in tripped:

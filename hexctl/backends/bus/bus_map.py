@@ -1,5 +1,6 @@
 """The bus map: id, model, direction, offset and limits of each joint's servo on a bus; raw are counts."""
 
+import zlib
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -73,14 +74,21 @@ class BusMap(RawMap):
 
 
 def bus_map_of(
-    section: ServosSection, driver: str, p_gain: int | None = None, *, named: str = "servos.driver"
+    section: ServosSection,
+    driver: str,
+    p_gain: int | None = None,
+    *,
+    named: str = "servos.driver",
+    moves: bool = False,
 ) -> BusMap:
-    """Bus map of a section, in which messages call the driver `named`.
+    """Bus map of a section, in which messages call the driver `named`; one that `moves` needs all ids.
 
     Raises InputError for a driver, ids, models, limits or a P gain that no bus can have.
     """
     family = find_family(driver, named=named)
     check_driver(section, driver)
+    if moves:
+        _check_ids(section, driver)
     models = tuple(family.model(joint_value(section, joint, "model", None)) for joint in range(N_JOINTS))
     calibration = calibration_of(
         section, "counts", [model.least for model in models], [model.most for model in models]
@@ -106,3 +114,22 @@ def bus_map_of(
         centre=np.array([float(model.centre) for model in models]),
         **calibration,
     )
+
+
+def _check_ids(section: ServosSection, driver: str) -> None:
+    """Raise InputError for a section without an id of each joint: assumed ones would exchange legs."""
+    ids = [joint_value(section, joint, "id", None) for joint in range(N_JOINTS)]
+    missing = [name for name, servo_id in zip(JOINT_NAMES, ids, strict=True) if servo_id is None]
+    if missing:
+        others = f" and {len(missing) - 1} more joints" if len(missing) > 1 else ""
+        at = section.port or "PORT"
+        raise InputError(
+            f"servos: got no id for {missing[0]}{others}; allowed: the id of each joint, which "
+            f"hexctl servos identify --driver {driver} --port {at} --output servos.yaml finds"
+        )
+
+
+def ids_mark(section: ServosSection) -> str:
+    """Mark of the ids of all joints, by which a robot file says that its legs were walked through."""
+    ids = [joint_value(section, joint, "id", None) for joint in range(N_JOINTS)]
+    return f"{zlib.crc32(repr(ids).encode()):08x}"

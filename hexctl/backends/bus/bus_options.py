@@ -89,7 +89,7 @@ class BusOptions:
             return None
         section = self._section()
         p_gain = load_robot_file(self.robot).p_gain
-        return bus_map_of(section, self._driver(section), p_gain, named=self._named)
+        return bus_map_of(section, self._driver(section), p_gain, named=self._named, moves=True)
 
     def _section(self) -> "ServosSection":
         """Section of the robot file; empty without one."""

@@ -142,6 +142,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
     Args:
         baud: bits per second; the driver's usual one unless given.
         clock: a wall clock unless given.
+        note: first of the warnings, or empty.
     """
 
     what = "the servo bus"
@@ -154,8 +155,10 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         port: str,
         baud: int | None = None,
         clock: Clock | None = None,
+        note: str = "",
     ) -> None:
         super().__init__(robot, servo_map=bus_map, port=port, counters=BusCounters(), clock=clock)
+        self._note = note
         self._baud = baud or bus_map.family.bauds[0]
         self._held = False
         self._notes: tuple[str, ...] = ()
@@ -219,7 +222,8 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             unpowered = np.flatnonzero(found & ~self._on(bus, found)).tolist()
             notes = self._grouped({joint: bus.servos[joint].set_up() for joint in unpowered})
             notes += self._stored(bus, found)
-            self._notes = (*noise, *notes, *lost_id_notes(bus, self._map, found))
+            given = (self._note,) if self._note else ()
+            self._notes = (*given, *noise, *notes, *lost_id_notes(bus, self._map, found))
         except BaseException:
             line.close()
             raise

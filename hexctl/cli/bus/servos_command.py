@@ -169,6 +169,51 @@ def identify(
     raise typer.Exit(INTERRUPTED if stopped else DONE)
 
 
+@servos.command("walk-through")
+@with_options(BusOptions)
+def walk_through_(options: dict[str, Any], yes: YesOption = False, as_json: JsonOption = False) -> None:
+    """Move one leg after another by 5 degrees and ask which it was, before the first walk.
+
+    The robot is on a stand or on its belly. If all legs are right, the robot file remembers it. Exit code 3
+    if legs are exchanged.
+    """
+    from hexctl.backends.bus.bus_map import ids_mark
+    from hexctl.cli.prompts import CalibrationPrompt, check_answerable
+    from hexctl.control.calibration.walk_through import exchanged_legs, walk_through
+    from hexctl.robot.loader import load_robot_file
+    from hexctl.robot.servos.servos_section import check_writable, write_mark
+    from hexctl.types import N_LEGS
+
+    asked = BusOptions(**options)
+    servo_map = asked.servo_map()
+    if asked.robot is None or servo_map is None:
+        raise InputError("--robot: got none; allowed: the robot file with the ids of all joints")
+    bus, file = asked.address(), load_robot_file(asked.robot)
+    check_writable(file.path, "servos walk-through --robot")
+    check_answerable("walk-through")
+    with StopOnInterrupt(plain=True) as interrupt:
+        stop = interrupt.requested
+        seen = walk_through(
+            servo_map, bus.path, bus.baud, CalibrationPrompt(), consent=yes, stop_requested=stop
+        )
+        stopped = stop()
+    wrong, complete = exchanged_legs(seen), len(seen) == N_LEGS
+    if complete and not wrong:
+        write_mark(file.path, ids_mark(file.content.servos))
+    print_result({"legs": seen, "right": complete and not wrong} if as_json else _legs_text(seen))
+    if wrong:
+        print_note(f"{wrong}: exchange their ids in {file.path}, and repeat")
+        raise typer.Exit(FAULT)
+    if not complete:
+        print_note(f"{len(seen)} of {N_LEGS} legs are seen; nothing is written")
+    raise typer.Exit(INTERRUPTED if stopped else DONE)
+
+
+def _legs_text(seen: dict[int, int]) -> str:
+    right = ", ".join(str(leg) for leg, real in seen.items() if leg == real)
+    return f"legs that move as the file says: {right or 'none'}"
+
+
 def _answering(bus: BusAddress) -> list[int]:
     from hexctl.backends.bus.tools import damage_report, scan_bus
 

@@ -155,7 +155,7 @@ def assign_servos(
 def _may_move(operator: Operator, what: str, stop_requested: Callable[[], bool]) -> bool:
     question = f"{what}: Enter moves it, skip, quit:"
     while True:
-        said = _answer(operator, question, stop_requested)
+        said = operator_answer(operator, question, stop_requested)
         if said in ("", "y", "yes", "enter"):
             return True
         if said in ("s", "skip"):
@@ -170,7 +170,7 @@ def _joint(
     """Joint that moved; None to see it again, empty for a servo of no joint."""
     question = f"{what}: which joint moved? leg3_femur or 3f, again, none, quit:"
     while True:
-        said = _answer(operator, question, stop_requested)
+        said = operator_answer(operator, question, stop_requested)
         if said == "again":
             return None
         if said == "none":
@@ -185,7 +185,9 @@ def _joint(
             return joint
 
 
-def _answer(operator: Operator, question: str, stop_requested: Callable[[], bool]) -> str:
+def operator_answer(operator: Operator, question: str, stop_requested: Callable[[], bool]) -> str:
+    """Answer to a question; raises EndedError for `quit`, and when a stop is requested."""
+
     def wait() -> None:
         if stop_requested():
             raise EndedError

@@ -104,6 +104,7 @@ class ServosSection(Section):
         addresses: I2C addresses of two PCA9685 boards.
         oscillator_mhz: measured oscillators of the boards.
         board: keys that only the driver of a board has.
+        walked_through: mark of the ids whose legs `hexctl servos walk-through` has seen.
         if_computer_dies: whether the robot sits down or holds its pose if `hexctl serve` dies.
         us_per_deg: pulse width per degree.
         centre_us: pulse width at angle zero.
@@ -119,6 +120,7 @@ class ServosSection(Section):
     addresses: Annotated[tuple[I2cAddress, I2cAddress], AfterValidator(_different)] = (0x40, 0x41)
     oscillator_mhz: Annotated[tuple[OscillatorMhz, OscillatorMhz], BeforeValidator(_pair)] = (25.0, 25.0)
     board: dict[str, Any] = Field(default_factory=dict)
+    walked_through: str | None = None
     if_computer_dies: Literal["sit", "hold"] = "sit"
     us_per_deg: Annotated[Number, Field(gt=0, le=1000, allow_inf_nan=False)] = 1000 / 90
     centre_us: PulseUs = 1500

@@ -2,7 +2,9 @@
 
 import os
 import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from hexctl.errors import InputError
 from hexctl.files import replacing
@@ -15,13 +17,13 @@ from hexctl.types import JOINT_NAMES
 SECTION = "servos"
 
 
-def check_writable(path: Path) -> None:
+def check_writable(path: Path, command: str = "calibrate") -> None:
     """Raise InputError for a shipped robot file, with the command that copies it, and for a read-only one."""
     if path.resolve().is_relative_to(config_root().resolve()):
         copy = f"my-{path.name}"
         raise InputError(
-            f"calibrate: got the shipped robot {path.stem}; allowed: your own file: "
-            f"hexctl robot copy {path.stem} {copy}, then hexctl calibrate {copy}"
+            f"{command}: got the shipped robot {path.stem}; allowed: your own file: "
+            f"hexctl robot copy {path.stem} {copy}, then hexctl {command} {copy}"
         )
     if not os.access(path, os.W_OK) or not os.access(path.resolve().parent, os.W_OK):
         raise InputError(f"{path}: cannot be written; allowed: a file, in a folder, that is yours to change")
@@ -52,10 +54,20 @@ def write_joint(path: Path, raw_map: RawMap, joint: int) -> None:
 
     Comments stay, except in a section whose joints share keys by anchors. Raises InputError.
     """
-    place, name, keys = path.resolve(), JOINT_NAMES[joint], calibrated_keys(raw_map, joint)
+    name, keys = JOINT_NAMES[joint], calibrated_keys(raw_map, joint)
+    _write_keys(path, lambda section: {name: {**section.get(name, {}), **keys}})
+
+
+def write_mark(path: Path, mark: str) -> None:
+    """Write into a robot file that its legs were walked through, atomically; raises InputError."""
+    _write_keys(path, lambda _: {"walked_through": mark})
+
+
+def _write_keys(path: Path, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
+    place = path.resolve()
     wanted, text = read_mapping(place), place.read_text(encoding="utf-8")
     section = wanted[SECTION] = dict(wanted.get(SECTION) or {})
-    section[name] = {**section.get(name, {}), **keys}
+    section.update(change(section))
     with replacing(place) as draft:
         draft.write_text(with_values(text, wanted), encoding="utf-8")
         validate(RobotSchema, read_mapping(draft), path)

@@ -28,7 +28,7 @@ from tests.backends.mavlink.boards import fitting_file
 from tests.backends.pwm.boards import memory_board, pca9685_board
 from tests.control.calibration.hands import ENDS_DEG, Hands, Watcher
 from tests.control.posed import readings
-from tests.robots import edited_file, put
+from tests.robots import edited_file, put, with_ids
 
 
 class LimpRobot(MockServos):
@@ -61,7 +61,8 @@ def test_a_bus_is_calibrated_by_hand_and_left_limp(driver: str, tmp_path: Path) 
         robot = bus.robot
         assert isinstance(robot, LimpRobot)
         section = {"driver": driver, "model": true.models[0].name, "port": bus.path}
-        file = edited_file(tmp_path, put("servos", {**section, "if_computer_dies": "hold"}), base="phantomx")
+        ids = with_ids({**section, "if_computer_dies": "hold"})
+        file = edited_file(tmp_path, put("servos", ids), base="phantomx")
         hands = Hands(robot.hold)
         result = calibrate(file, hands, joints="leg1")
         assert result.saved == ["leg1_coxa", "leg1_femur", "leg1_tibia"]

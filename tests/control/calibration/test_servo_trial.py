@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from hexctl.backends.mock import MockServos
 from hexctl.control.calibration.operator import EndedError
 from hexctl.control.calibration.servo_assignment import ServoAssignment, assign_servos
 from hexctl.control.calibration.servo_trial import TEST_DEG, ServoTrial, softly_powered, try_servo, wiggle
+from hexctl.control.calibration.walk_through import exchanged_legs, walk_through
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.register_servos import BusServo
 from hexctl.types import JOINT_NAMES
@@ -209,6 +211,31 @@ def test_every_joint_is_found_and_written_to_a_new_file(tmp_path: Path) -> None:
     assert bus_map_of(section, "feetech").ids.tolist() == ids.tolist()
     assert (section.driver, section.baud, section.model) == ("feetech", 1_000_000, "sts3215")
     assert [path.name for path in tmp_path.iterdir()] == ["servos.yaml"]
+
+
+class LegWatcher(Watcher):
+    """An operator who says which leg moved, after some other answers."""
+
+    def prompt(self, text: str) -> None:
+        super().prompt(text)
+        if self._answer in JOINT_NAMES:
+            self._answer = self._answer[3]
+
+
+def test_a_walk_through_sees_each_leg_and_names_exchanged_ones() -> None:
+    true = a_map()
+    ids = true.ids.copy()
+    ids[[0, 1, 2, 6, 7, 8]] = ids[[6, 7, 8, 0, 1, 2]]  # those of legs 1 and 3
+    with seen_bus(true) as (bus, moved):
+        operator = LegWatcher(moved, "seven", "again")
+        seen = walk_through(replace(true, ids=ids), bus.path, 1_000_000, operator)
+        assert seen == {1: 3, 2: 2, 3: 1, 4: 4, 5: 5, 6: 6}
+        assert exchanged_legs(seen) == "leg 1 of the file moves leg 3, leg 3 of the file moves leg 1"
+        assert sum(each.startswith("got 'seven'") for each in operator.asked) == 1
+        assert walk_through(true, bus.path, 1_000_000, LegWatcher(moved, ends_after=2)) == {1: 1, 2: 2}
+        assert walk_through(true, bus.path, 1_000_000, LegWatcher(moved), stop_requested=lambda: True) == {}
+        assert not any(servo.holds for servo in bus.board._servos)
+        assert max(np.abs(moved.away_deg()).max(), 0) < 6  # no further than a wiggle
 
 
 def test_a_joint_has_one_servo_and_a_servo_may_belong_to_none() -> None:
