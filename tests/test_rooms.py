@@ -8,8 +8,8 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 CEILINGS = {
     "": 2_440,
     "adapt": 7_712,
-    "backends": 11_792,
-    "cli": 6_584,
+    "backends": 11_795,
+    "cli": 6_595,
     "client": 1_020,
     "control": 13_573,
     "demo": 220,

@@ -2,6 +2,7 @@
 
 Serial devices have the lock of their terminal. I2C buses and UDP ports have none that excludes a second
 program; for them a process listens on an abstract Unix socket of the board's name, whose peer has an id.
+Containers with a network of their own do not see it.
 """
 
 import errno

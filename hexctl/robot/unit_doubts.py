@@ -20,7 +20,7 @@ LIGHT_SERVO = {
 }
 
 #: Shipped and published robots with known masses carry 3 to 20 times their weight. With torques in kg cm,
-#: shipped ones carry 33 times or more.
+#: shipped ones carry 33 times or more. A bound of 10 would doubt `ant` and published robots of 12 and 14.
 MOST_CARRIED, USUALLY_CARRIED = 25.0, 6.0
 
 #: Angles between ends of ranges and of mounts.

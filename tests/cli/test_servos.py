@@ -17,6 +17,7 @@ from hexctl.backends.bus.servos import BusServos
 from hexctl.backends.registry import NOT_WALKED_THROUGH, BackendOptions, make_servos
 from hexctl.cli.main import exit_code
 from hexctl.robot.loader import load_robot_file
+from hexctl.simulators.register_servos import BusServo
 from hexctl.types import JOINT_NAMES
 from tests.backends.bus.boards import MemoryBus, a_map, memory_bus
 from tests.backends.mavlink.boards import PATIENCE_S, board
@@ -170,6 +171,24 @@ def test_a_scan_is_an_array_or_a_table_and_a_robot_file_names_the_joints(tmp_pat
     assert joints[1] is None
     assert [joints[servo_id] for servo_id in range(2, 19)] == list(JOINT_NAMES[:-1])
     assert "leg 6 tibia (id 19)" in printed.err
+
+
+def test_a_scan_says_what_a_model_number_does_not_tell(call: Call) -> None:
+    with memory_bus(a_map()) as bus:
+        clone, other = bus.board._servos[4], bus.board._servos[7]
+        assert isinstance(clone, BusServo)
+        assert isinstance(other, BusServo)
+        clone.set(clone._table.model, 4242)
+        for register in other._table.firmware:
+            other.set(register, 0)
+        printed = call("servos scan --driver feetech --port", bus.path, "--json")
+    assert "id 5: of the unknown model number 4242, which hexctl does not move" in printed.err
+    assert "sts3215: the number 777 is also that of its 7.4 V and 12 V types" in printed.err
+    assert "firmware unknown: id 8" in printed.err
+    with memory_bus(a_map("lx16a", "lx16a")) as bus:
+        printed = call("servos scan --driver lx16a --port", bus.path, "--json")
+    assert "lx16a, lx224, hts35h and clones answer alike" in printed.err
+    assert "firmware unknown: all" in printed.err
 
 
 def test_a_bus_on_the_port_of_the_settings_keeps_the_baud_of_the_robot_file(

@@ -19,6 +19,7 @@ class ServoType:
         centre: count at the middle of its travel.
         p_gains: lowest and highest P gain: a tenth and ten times that of the factory, because a number for
             another model is no other stiffness, but a mistake; None without a P gain.
+        twins: other servos that report the same number, in words; empty for none.
     """
 
     name: str
@@ -30,6 +31,7 @@ class ServoType:
     most: int = 4095
     centre: int = 2048
     p_gains: tuple[int, int] | None = None
+    twins: str = ""
 
     @property
     def table(self) -> RegisterTable:

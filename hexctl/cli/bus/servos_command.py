@@ -70,14 +70,22 @@ def _note_models(bus: BusAddress, found: "Sequence[ScannedServo]") -> None:
     """Note servos without a model; raises InputError if none has one with this driver, but with another."""
     from hexctl.backends.bus.tools import check_family
 
+    if not found:
+        return
     unknown = [each for each in found if each.model is None]
     if unknown and not bus.family.reports_model:
-        print_note("these servos do not report their model")
+        names = ", ".join(model.name for model in bus.family.models)
+        print_note(f"these servos do not report their model: {names} and clones answer alike")
         return
-    if unknown and len(unknown) == len(found):
+    if len(unknown) == len(found):
         check_family(bus.path, bus.driver, {each.baud for each in found})
-    if unknown:
-        print_note(f"{len(unknown)} servos are of an unknown model: is {bus.driver} the right driver?")
+    for number in dict.fromkeys(each.model_number for each in unknown):
+        ids = ", ".join(str(each.servo_id) for each in unknown if each.model_number == number)
+        what = "without a model number" if number is None else f"of the unknown model number {number}"
+        print_note(f"id {ids}: {what}, which hexctl does not move; is {bus.driver} the right driver?")
+    for model in bus.family.models:
+        if model.twins and model.name in {each.model for each in found}:
+            print_note(f"{model.name}: the number {model.number} is also that of {model.twins} and clones")
 
 
 def _note_firmware(found: "Sequence[ScannedServo]") -> None:
@@ -89,6 +97,9 @@ def _note_firmware(found: "Sequence[ScannedServo]") -> None:
             kinds.setdefault(words, []).append(str(each.servo_id))
     for words, ids in kinds.items():
         print_note(f"{words}: " + ("all" if len(ids) == len(found) > 1 else f"id {', '.join(ids)}"))
+    silent = [str(each.servo_id) for each in found if not each.firmware]
+    if silent:
+        print_note("firmware unknown: " + ("all" if len(silent) == len(found) else f"id {', '.join(silent)}"))
 
 
 def _print_scan(found: "Sequence[ScannedServo]", servo_map: "BusMap | None", *, as_json: bool) -> None:

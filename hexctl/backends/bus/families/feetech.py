@@ -86,7 +86,7 @@ SCS = replace(
 FEETECH = Family(
     name="feetech",
     models=(
-        ServoType("sts3215", 777, 4.0, STS, p_gains=(4, 254)),
+        ServoType("sts3215", 777, 4.0, STS, p_gains=(4, 254), twins="its 7.4 V and 12 V types"),
         ServoType("sts3032", None, 4.0, STS, p_gains=(4, 254)),
         ServoType("scs0009", 1284, 4.8, SCS, p_gains=(1, 254), **ARC),
     ),
