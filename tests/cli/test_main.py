@@ -105,7 +105,7 @@ PATH_LINES = (
     "calibrate {}.yaml --backend mavlink",
     "sim board --keys {}",
     "serve --backend mock --link {}.yaml",
-    "serve --backend feetech --port {}",
+    "serve --backend feetech --robot phantomx --port {}",
     "serve --backend mock --keys {} --listen tls/127.0.0.1:9",
     "status --link {}.yaml",
     f"estop --keys {{}} {TLS}",
