@@ -79,7 +79,10 @@ def test_as_many_answers_are_garbled_or_wild_as_was_asked_for(packets: PacketFor
 def test_every_driver_has_a_simulated_bus_or_board_that_reports_its_counts(driver: Any) -> None:
     started: list[ServiceStarted] = []
     options: dict[str, Any] = {"pty": True} if driver is None else {"bus": driver}
-    report = BoardService(backend="mock", **options).run(lambda: bool(started), on_started=started.append)
+    robot = "phantomx" if driver in FAMILIES else "ant"
+    report = BoardService(backend="mock", robot=robot, **options).run(
+        lambda: bool(started), on_started=started.append
+    )
     assert "/" in started[0].place
     assert report["overrides" if driver is None else "goals"] == 0
 
@@ -94,7 +97,7 @@ def test_every_driver_has_a_simulated_bus_or_board_that_reports_its_counts(drive
         ({"bus": "pca9685", "backend": "mock", "model": "sts3215"}, "model: got sts3215"),
         ({"bus": "servo2040", "backend": "mock", "model": "chica"}, "model: got chica"),
         ({"bus": "servo2040", "baud": 9600}, "baud: got 9600 with servo2040"),
-        ({"bus": "feetech", "backend": "mock", "fault": ("nack",)}, "fault: got 'nack'"),
+        ({"bus": "feetech", "robot": "phantomx", "backend": "mock", "fault": ("nack",)}, "fault: got 'nack'"),
     ],
 )
 def test_a_board_that_cannot_be_is_refused(options: dict[str, Any], named: str) -> None:
