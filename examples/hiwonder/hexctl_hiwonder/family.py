@@ -14,7 +14,7 @@ import numpy as np
 from hexctl.backends.bus.families import lx16a as lx
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import StatusPacket
-from hexctl.backends.bus.servo_bus import BoardReport, BusCounters, Report
+from hexctl.backends.bus.servo_bus import BusBoardState, BusCounters, Report
 from hexctl.backends.bus.servo_type import ServoType
 from hexctl.types import BoolArray, FloatArray
 from hexctl_hiwonder.inertial import Inertial
@@ -63,11 +63,11 @@ class HiwonderBus(lx.Lx16aBus):
             self._feel()
         return found
 
-    def board(self) -> BoardReport:
+    def board(self) -> BusBoardState:
         """Newest measurements of the board."""
         now_s, inertial = self._time.now(), self._inertial
         feels = now_s - self._imu_at_s <= IMU_S
-        return BoardReport(
+        return BusBoardState(
             battery_v=self._battery_v if now_s - self._battery_at_s <= BATTERY_S else None,
             quaternion=inertial.quaternion if feels else None,
             angular_velocity_rad_s=inertial.angular_velocity_rad_s if feels else None,

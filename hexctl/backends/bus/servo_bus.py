@@ -54,7 +54,7 @@ class Report:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BoardReport:
+class BusBoardState:
     """What a board between computer and servos measures by itself; None for unknown values.
 
     Attributes:
@@ -212,9 +212,9 @@ class ServoBus(ABC):
     def _ask_reports(self, indices: Sequence[int]) -> list[Report]:
         """Reports of some servos, each asked once."""
 
-    def board(self) -> BoardReport:
+    def board(self) -> BusBoardState:
         """Newest measurements of a board; also for other threads."""
-        return BoardReport()
+        return BusBoardState()
 
     def renew_watchdog(self, indices: Sequence[int] | None = None) -> None:  # noqa: B027  most have none
         """Treat silence as a failure from now on; expired watchdogs end."""

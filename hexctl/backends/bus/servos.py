@@ -10,7 +10,7 @@ from hexctl.backends.bus.damage import Damage
 from hexctl.backends.bus.line_condition import LineCondition
 from hexctl.backends.bus.readings import BelievedReadings, polls
 from hexctl.backends.bus.serial_line import SerialLine
-from hexctl.backends.bus.servo_bus import MANY_MUTE, BoardReport, BusCounters, Report, ServoBus
+from hexctl.backends.bus.servo_bus import MANY_MUTE, BusBoardState, BusCounters, Report, ServoBus
 from hexctl.backends.bus.tools import bus_of, check_no_unexpected_ids, lost_id_notes, other_settings
 from hexctl.backends.clock import Clock
 from hexctl.backends.port_thread import PortThread
@@ -67,7 +67,7 @@ class BusThread(PortThread[ServoBus]):
             readings = self._readings
             return readings.positions, readings.servos(now_s), now_s - readings.heard_at_s
 
-    def board(self) -> BoardReport:
+    def board(self) -> BusBoardState:
         """Newest measurements of a board."""
         return self._device.board()
 
