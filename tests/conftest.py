@@ -4,6 +4,7 @@ import gc
 import os
 import re
 import signal
+import sys
 import tomllib
 from collections.abc import Iterator
 from importlib.metadata import entry_points
@@ -33,6 +34,14 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 settings.register_profile("local", deadline=None, derandomize=True, max_examples=25)
 settings.register_profile("thorough", deadline=None, derandomize=True, max_examples=100)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "local"))
+
+
+@pytest.fixture(autouse=True)
+def _no_custom_objects_yet() -> Iterator[None]:
+    """Objects of packages that an earlier test loaded have their short names again."""
+    yield
+    if (plugins := sys.modules.get("hexctl.robot.plugins")) is not None:
+        plugins._CUSTOM.clear()
 
 
 def pytest_sessionstart() -> None:

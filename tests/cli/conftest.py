@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import pytest
 
 from hexctl.cli.main import exit_code
-from hexctl.robot import plugins
 from tests.cli.kits import Kit
 
 
@@ -64,5 +63,4 @@ def call(capsys: pytest.CaptureFixture[str]) -> Call:
 @pytest.fixture(autouse=True)
 def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(plugins, "_CUSTOM", {})
     monkeypatch.setattr(Kit, "made", [])

@@ -1,5 +1,6 @@
 """The sketch in `firmware/`, compiled for this computer: on simulated time, and with simulated chips."""
 
+import atexit
 import ctypes
 import os
 import shutil
@@ -51,7 +52,9 @@ def sketch_with_headers() -> Path:
     if compiler is None:
         missing = "g++ compiles the firmware for its tests: apt-get install g++"
         (pytest.fail if os.environ.get("HEXCTL_REQUIRE_ALL") else pytest.skip)(missing)
-    sketch = Path(mkdtemp(prefix="hexctl-firmware-")) / SKETCH.name
+    folder = Path(mkdtemp(prefix="hexctl-firmware-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    sketch = folder / SKETCH.name
     shutil.copytree(SKETCH, sketch, ignore=shutil.ignore_patterns("mavlink"))
     messages = Path(str(files("pymavlink"))) / "dialects" / "v20" / "common.xml"
     generator = sys.executable, "-m", "pymavlink.tools.mavgen"

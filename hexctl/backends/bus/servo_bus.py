@@ -15,7 +15,7 @@ from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.servo import TRIES, Servo, ServoSettings
 from hexctl.backends.bus.servo_type import ServoType
 from hexctl.backends.port_thread import PortCounters
-from hexctl.types import N_JOINTS, BoolArray, FloatArray
+from hexctl.types import N_JOINTS, ArrayFields, BoolArray, FloatArray
 
 #: Maximum distance beyond its stored limits at which a servo gets torque.
 #:
@@ -53,8 +53,8 @@ class Report:
     error: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BusBoardState:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BusBoardState(ArrayFields):
     """What a board between computer and servos measures by itself; None for unknown values.
 
     Attributes:

@@ -39,7 +39,7 @@ from tests.backends.bus.boards import (
     servos_on,
     stance_counts,
 )
-from tests.robots import edited_file, put, shipped
+from tests.robots import edited_file, put, shipped, with_ids
 
 every_family = pytest.mark.parametrize(("driver", "model"), [*MODELS, ("lx16a", "lx16a")])
 
@@ -205,7 +205,7 @@ def test_all_ids_that_differ_are_named(
 @pytest.fixture
 def robot(tmp_path: Path) -> str:
     section = {"driver": "lx16a", "port": "/dev/ttyUSB7", "baud": 57_600, "model": "lx224"}
-    return str(edited_file(tmp_path, put("servos", section), base="phantomx"))
+    return str(edited_file(tmp_path, put("servos", with_ids(section)), base="phantomx"))
 
 
 def test_a_bus_is_where_the_options_say_else_the_robot_file(robot: str) -> None:
