@@ -14,7 +14,6 @@ from pydantic_core import ErrorDetails
 
 from hexctl.errors import InputError, check_type, shown
 from hexctl.files import is_file, is_folder, read_file
-from hexctl.robot.units import likely_unit
 from hexctl.robot.yaml_text import yaml_content
 from hexctl.typed_names import known_name, nearest
 
@@ -189,6 +188,8 @@ def _described(schema: type, problem: ErrorDetails) -> str:
         allowed = "a finite number"
     long = problem.get("ctx", {}).get("actual_length") if kind in ("too_long", "too_short") else None
     got = shown(problem["input"]) if long is None else f"a list of {long}"
+    from hexctl.robot.units import likely_unit  # only refusals need it
+
     likely = likely_unit(problem["loc"], problem["input"])
     return f"{key}: got {got}; allowed: {allowed}" + (f"; {likely}" if likely else "")
 
