@@ -22,7 +22,7 @@ from hexctl.control.trial_result import TrialResult
 from hexctl.gait.gait import make_gait
 from hexctl.robot.configs import find_config
 from hexctl.robot.loader import load_robot_file
-from hexctl.types import FloatArray, RobotState
+from hexctl.types import JOINT_NAMES, FloatArray, RobotState
 
 #: Families: driver, model, and the largest age of a joint's angle in 99 of 100 periods, in s.
 FAMILIES = {
@@ -79,6 +79,7 @@ def _board(folder: Path, driver: str, model: str) -> Iterator[tuple[Path, str]]:
         "model": model,
         "femur": {"offset_deg": -10},
         "tibia": {"offset_deg": 40},
+        **{name: {"id": number} for number, name in enumerate(JOINT_NAMES, start=1)},
     }
     file = folder / "robot.yaml"
     file.write_text(yaml.safe_dump(content), encoding="utf-8")

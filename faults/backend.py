@@ -14,12 +14,14 @@ import yaml
 from hexctl.backends.pwm.pulse_board import find_board
 from hexctl.robot.configs import config_root
 from hexctl.robot.servos.drivers import BOARDS, FAMILIES
+from hexctl.types import JOINT_NAMES
 
 #: Horns of the servos on a bus, and what a keeper does: hold, so that the last motion is that of the walk.
 ON_A_BUS: dict[str, Any] = {
     "femur": {"offset_deg": -10},
     "tibia": {"offset_deg": 40},
     "if_computer_dies": "hold",
+    **{name: {"id": number} for number, name in enumerate(JOINT_NAMES, start=1)},
 }
 
 

@@ -53,7 +53,7 @@ def test_own_servos_that_raise_end_it_as_a_fault_in_one_line(
     monkeypatch.setattr("tests.server.recorded.RecordedServos", Driver)
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     (*_, line) = call("serve --backend", RECORDED, "--listen", endpoint, code=3).err.splitlines()
-    assert line.endswith(f"Driver.{method} raised ZeroDivisionError: no such register")
+    assert f"Driver.{method} raised ZeroDivisionError: no such register" in line
 
 
 #: A robot and a board that end at once, in a process in which real-time priority may be granted.
@@ -65,7 +65,7 @@ from hexctl.simulators.board_service import BoardService
 def has_priority():
     return os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO
 
-for service in RobotService(backend="mock", listen=sys.argv[1]), BoardService(backend="mock", bus="feetech"):
+for service in RobotService(backend="mock", listen=sys.argv[1]), BoardService(backend="mock", bus="pca9685"):
     during = []
     service.run(lambda: bool(during), on_started=lambda told: during.append((told.realtime, has_priority())))
     ((granted, held),) = during

@@ -122,8 +122,8 @@ def test_each_walks_without_any_of_its_legs(name: str, kind: str) -> None:
     for leg in range(1, 7):
         result = walk(robot=shipped(name), failure=Failure(leg=leg, kind=kind), duration_s=10).result
         assert result.status in ("ok", "no_progress"), leg  # it does not fall
-        assert result.distance_m is not None
-        assert result.distance_m > 0.3 * result.ideal_distance_m, leg
+        assert result.true_distance_m is not None
+        assert result.true_distance_m > 0.3 * result.ideal_distance_m, leg
 
 
 @pytest.mark.parametrize("text", ["<!-- of CAD -->\n<mujoco model='a: b'/>", "\ufeff<robot name='six'/>"])
