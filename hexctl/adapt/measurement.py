@@ -73,7 +73,7 @@ def measured(result: TrialResult, answer: Answer, robot: Robot, plan: TrialPlan)
     )
 
 
-def as_by_tape(result: TrialResult, robot: Robot, plan: TrialPlan) -> TrialResult:
+def measured_by_tape(result: TrialResult, robot: Robot, plan: TrialPlan) -> TrialResult:
     """Result of a simulated walk of a robot without a position, whose end a person would measure."""
     if result.status != "ok" or result.true_path_m is None or "position" in robot.sensors:
         return result

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hexctl.adapt.measurement import as_by_tape
+from hexctl.adapt.measurement import measured_by_tape
 from hexctl.adapt.optimizer import Trim
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import UNWATCHED, SessionSpec
@@ -139,7 +139,7 @@ class TrialRunner:
             self.spec, robot=setting.robot, world=setting.world, failures=(broken,), trial=request.index
         )
         with Guard(make_servos(self.spec.backend, options)) as servos:
-            by_tape = partial(as_by_tape, robot=servos.robot, plan=plan)
+            by_tape = partial(measured_by_tape, robot=servos.robot, plan=plan)
             return self.walk_on(servos, plan, request, stop_when(request.should_stop), by_tape)
 
     def walk_on(

@@ -179,7 +179,6 @@ class MaestroBoard(SimulatedPulseBoard):
         ]
         for touch in pwm_map.touches[pwm_map.touched].tolist():
             self._show(touch, FREE)
-        self._mute, self._garbles, self._tears = False, 0.0, 0.0
         self._detected = not self._baud
 
     def pulses_us(self) -> FloatArray:
@@ -222,12 +221,7 @@ class MaestroBoard(SimulatedPulseBoard):
             self.counts["timeouts"] += board.pass_time(self._time.now())
 
     def _begin(self, fault: BoardFault) -> None:
-        if fault.kind == "mute":
-            self._mute = True
-        elif fault.kind == "garble":
-            self._garbles = fault.value or 0.0
-        elif fault.kind == "torn":
-            self._tears = fault.value or 0.0
+        super()._begin(fault)
         for board in self.boards:
             if fault.kind == "reset":
                 board.start(self._time.now())

@@ -64,8 +64,6 @@ class Servo2040Board(SimulatedPulseBoard):
         self._staged = False
         self._status = 0
         self._sensors = [FREE] * N_LEGS + [0, 0]
-        self._mute = False
-        self._garbles = 0.0
         self._data = bytearray()
 
     def _serve(self, timeout_s: float) -> None:
@@ -142,14 +140,10 @@ class Servo2040Board(SimulatedPulseBoard):
             self._line.send(reply)
 
     def _begin(self, fault: BoardFault) -> None:
-        value = fault.value or 0.0
-        if fault.kind == "mute":
-            self._mute = True
-        elif fault.kind == "garble":
-            self._garbles = value
-        else:  # trip
+        super()._begin(fault)
+        if fault.kind == "trip":
             self.relay = self._staged = False
-            self._status = 1 | min(0x3FF, round(10 * value)) << 1
+            self._status = 1 | min(0x3FF, round(10 * (fault.value or 0.0))) << 1
 
     def _servo_targets(self) -> tuple[BoolArray, FloatArray]:
         powered: BoolArray = self.enabled[self._map.outputs] & self.relay

@@ -271,6 +271,16 @@ class SimulatedPulseBoard(SimulatedBoard):
         super().__init__(servos, self._line, faults, seed)
         self._map, self._model = pwm_map, model
         self._baud = baud or self.usual_baud or 0
+        self._mute, self._garbles, self._tears = False, 0.0, 0.0
+
+    def _begin(self, fault: BoardFault) -> None:
+        """Begin a fault of the line; boards add their own."""
+        if fault.kind == "mute":
+            self._mute = True
+        elif fault.kind == "garble":
+            self._garbles = fault.value or 0.0
+        elif fault.kind == "torn":
+            self._tears = fault.value or 0.0
 
     def _opened(self) -> Any:
         """The line."""

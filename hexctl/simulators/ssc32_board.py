@@ -119,7 +119,6 @@ class Ssc32Board(SimulatedPulseBoard):
         super().__init__(servos, pwm_map, **options)
         firmware, is_binary = FIRMWARES[self._model or self.models[0]]
         self.board = SimulatedSsc32(firmware, is_binary=is_binary)
-        self._mute, self._garbles, self._tears = False, 0.0, 0.0
 
     def pulses_us(self) -> FloatArray:
         """Pulses of the joints, (18,); 0 for servos without."""
@@ -147,13 +146,8 @@ class Ssc32Board(SimulatedPulseBoard):
             self._line.send(answer)
 
     def _begin(self, fault: BoardFault) -> None:
-        if fault.kind == "mute":
-            self._mute = True
-        elif fault.kind == "garble":
-            self._garbles = fault.value or 0.0
-        elif fault.kind == "torn":
-            self._tears = fault.value or 0.0
-        else:  # reset
+        super()._begin(fault)
+        if fault.kind == "reset":
             self.board.reset()
 
     def _servo_targets(self) -> tuple[BoolArray, FloatArray]:

@@ -14,7 +14,7 @@ from hexctl.backends.sim.simulated_failure import FIRST_SPEED
 from hexctl.backends.sim.simulation_model import FIRST_JOINT, TOUCH, Simulation
 from hexctl.backends.sim.world import World
 from hexctl.robot.rotations import components
-from hexctl.robot.sensors import SENSORS, Sensor
+from hexctl.robot.sensors import Sensor
 from hexctl.types import N_JOINTS, ArrayFields, BoolArray, FloatArray, RobotState
 
 #: Index of the base's angular velocity in MuJoCo's velocities, about the axes of the base.
@@ -263,7 +263,7 @@ class Sensors:
     noise: Noise
     faulty_pose: FaultyPose
     pose_loss: Losses
-    measured: frozenset[str] = frozenset(SENSORS)
+    measured: frozenset[str]
     age_s: float = 0.0
     steps_after: int = 0
     late: deque[Snapshot] | None = None

@@ -44,7 +44,7 @@ def _heading(report: dict[str, Any]) -> list[str]:
         f"{report['robot']}: {report['mass_kg']:g} kg, stands {report['standing_height_m']:g} m high",
         f"gait slots {slots} at {report['gait']['pace_hz']:g} Hz: "
         f"ideal speed {report['ideal_speed_m_s']:g} m/s",
-        f"detects failures of {report['detects']}",
+        f"failures detected: {report['detects']}",
         *([f"meshes for {', '.join(report['meshes'])}, solids for the rest"] if report["meshes"] else []),
     ]
 

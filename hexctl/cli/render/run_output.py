@@ -240,7 +240,7 @@ def _unmeasured_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     walked = f"{outcome['duration_s']:.1f} s; its position is not known"
     if outcome.get("true_distance_m") is not None:
         side = _side(outcome["true_deviation_m"]["signed"])
-        walked += f" to it; simulated: {outcome['true_distance_m']:.2f} m ahead, {side}"
+        walked += f"; in the simulation {outcome['true_distance_m']:.2f} m ahead, {side}"
     return [("walked", walked if outcome["duration_s"] else "it never set out")]
 
 

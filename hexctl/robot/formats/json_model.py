@@ -52,8 +52,5 @@ def _plain(value: object) -> Any:
 
 
 def _array(value: Any) -> Any:
-    return value if not isinstance(value, list) or _has_texts(value) else np.array(value, dtype=float)
-
-
-def _has_texts(values: list[Any]) -> bool:
-    return all(isinstance(value, str) for value in values)
+    is_array = isinstance(value, list) and not all(isinstance(part, str) for part in value)
+    return np.array(value, dtype=float) if is_array else value
