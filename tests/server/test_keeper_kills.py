@@ -19,7 +19,7 @@ from hexctl.robot.loader import load_robot_file
 from hexctl.types import FloatArray, JointTargets
 from hexctl.wire.links import Link
 from tests.backends.bus.boards import bus_board
-from tests.robots import edited_file, put
+from tests.robots import edited_file, put, with_ids
 from tests.server.processes import TIMEOUT_S, served, wait_until
 from tests.server.test_keeper import FITTING
 
@@ -43,7 +43,7 @@ def test_a_server_that_goes_in_mid_walk_leaves_the_robot_at_rest(
     driver: str, model: str, number: signal.Signals, tmp_path: Path
 ) -> None:
     """Fifty times; the keeper then holds the robot, as its file says."""
-    content = {**FITTING, "model": model, "if_computer_dies": "hold"}
+    content = {**with_ids(FITTING), "model": model, "if_computer_dies": "hold"}
     file = edited_file(tmp_path, put("servos", content), base="phantomx")
     bus_map = bus_map_of(load_robot_file(file).content.servos, driver)
     last_motions_s: list[float] = []
