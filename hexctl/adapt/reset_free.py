@@ -18,7 +18,7 @@ from hexctl.adapt.runner import (
 )
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.setting import Note, Setting
-from hexctl.backends.base import LegServos, connection_notes
+from hexctl.backends.base import LegServos, check_stance, connection_notes
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.control.guard import Guard
 from hexctl.control.sit_down import SittingMotion
@@ -270,6 +270,7 @@ def connected_robot(
         spec, robot=setting.robot, world=None, failures=(spec.broken,), robot_file=setting.robot_file
     )
     robot = make_servos(spec.backend, options) if given is None else given
+    check_stance(robot)
     servos = Guard(robot)
     try:
         servos.connect()

@@ -12,7 +12,7 @@ from hexctl.robot.failure import Failure, Failures, difference_note, each_failur
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.robot.sensors import in_words
-from hexctl.robot.servos.raw_map import RawMap
+from hexctl.robot.servos.raw_map import RawMap, joints_without_stance, stance_problems
 from hexctl.types import N_JOINTS, FloatArray, JointTargets, RobotState, all_finite
 
 if TYPE_CHECKING:
@@ -241,6 +241,15 @@ class CalibratedServos(Protocol):
 
     def remap(self, servo_map: RawMap) -> None:
         """Use another calibration from now on: no servo moves, its raw position means another angle."""
+
+
+def check_stance(servos: LegServos) -> None:
+    """Raise InputError for servos with a servo map whose limits exclude the stance of a joint."""
+    if not isinstance(servos, CalibratedServos):
+        return
+    if problems := stance_problems(joints_without_stance(servos.servo_map, servos.robot)):
+        more = f"; {len(problems) - 1} more joints alike" if problems[1:] else ""
+        raise InputError(f"servos.{problems[0]}{more}; calibrate again: hexctl calibrate FILE")
 
 
 def check_targets(targets: JointTargets) -> None:

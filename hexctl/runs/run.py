@@ -11,7 +11,7 @@ from pathlib import Path
 from types import NoneType
 from typing import TYPE_CHECKING, Any, Self
 
-from hexctl.backends.base import connection_notes
+from hexctl.backends.base import check_stance, connection_notes
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import Floor, make_floor
@@ -133,6 +133,7 @@ class Run:
             failures=self.broken,
         )
         servos = make_servos(self.spec.backend, options)
+        check_stance(servos)
         with ExitStack() as stack:
             self._guard = stack.enter_context(Guard(servos))
             self.notes = (

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hexctl.backends.base import LegServos
+from hexctl.backends.base import LegServos, check_stance
 from hexctl.backends.clock import realtime_priority
 from hexctl.backends.pwm.pulse_board import find_board
 from hexctl.backends.registry import BackendOptions, has_keeper, make_servos
@@ -96,6 +96,7 @@ class RobotService(ServeOptions):
         keys = None if self.device_keys is None else Path(self.device_keys)
         options = self.backend_options(credentials=keys, insecure=self.insecure)
         servos = make_servos(self.backend, options)
+        check_stance(servos)
         keeper = self._keeper(options)
         stop_file = self._stop_file(servos.robot.name, options, link)
         server = self._server(servos, link, keeper, stop_file, on_event)

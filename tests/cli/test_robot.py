@@ -15,7 +15,7 @@ from tests.backends.mavlink.boards import fitting_file
 from tests.cli.conftest import Call
 from tests.recording.conftest import ReadBack
 from tests.robot.meshmaking import stl_box
-from tests.robots import edited_file, put, shipped
+from tests.robots import edited_file, put, shipped, with_ids
 
 
 def test_the_demand_of_the_papers_robot(call: Call) -> None:
@@ -61,7 +61,7 @@ def test_a_joint_out_of_range_is_named(tmp_path: Path, call: Call) -> None:
     [
         ({"driver": "feetech"}, {"joints_beyond_counts": 0, "joints_beyond_travel": 0}),
         (
-            {"driver": "feetech", "tibia": {"min_count": 1900}, "leg2_coxa": {"max_count": 2100}},
+            {"driver": "feetech", "tibia": {"min_count": 1000}, "leg2_coxa": {"max_count": 2100}},
             {"joints_beyond_counts": 7, "joints_beyond_travel": 0},
         ),
         (
@@ -71,7 +71,7 @@ def test_a_joint_out_of_range_is_named(tmp_path: Path, call: Call) -> None:
         (None, {"to_measure": 2}),
         ({"tibia": {"offset_deg": 75}}, {"joints_beyond_pulses": 0, "gait_fits_pulses": True}),
         ({"tibia": {"offset_deg": 60}}, {"joints_beyond_pulses": 6, "gait_fits_pulses": True}),
-        ({"tibia": {"offset_deg": 0}}, {"joints_beyond_pulses": 6, "gait_fits_pulses": False}),
+        ({"tibia": {"offset_deg": 6}}, {"joints_beyond_pulses": 6, "gait_fits_pulses": False}),
     ],
 )
 def test_whether_ranges_and_gait_fit_the_servos(
@@ -86,6 +86,30 @@ def test_whether_ranges_and_gait_fit_the_servos(
     report = call("check", str(path), "--json").json
     for key, count in found.items():
         assert (report[key] if isinstance(count, bool) else len(report[key])) == count
+
+
+@pytest.mark.parametrize(
+    ("driver", "limits"), [("pca9685", ("min_us", "max_us")), ("feetech", ("min_count", "max_count"))]
+)
+def test_limits_that_exclude_the_stance_are_refused_at_the_joint(
+    driver: str, limits: tuple[str, str], tmp_path: Path, call: Call
+) -> None:
+    """A femur that stands at 33 degrees, with limits of -45 to -5 degrees; also before a board is opened."""
+    per_deg, centre = (2000 / 180, 1500) if driver == "pca9685" else (4096 / 360, 2048)
+    ends = [round(centre + per_deg * end_deg) for end_deg in (-45, -5)]
+    section = {
+        "driver": driver,
+        "port": str(tmp_path / "none"),
+        "leg2_femur": dict(zip(limits, ends, strict=True)),
+    }
+    path = edited_file(tmp_path, put("servos", with_ids(section)), base="phantomx")
+    report = call("check", str(path), "--json", code=2).json
+    assert report["joints_without_stance"] == ["leg2_femur"]
+    assert any("leg2_femur" in warning for warning in report["warnings"])
+    assert "leg2_femur" in call("check", str(path), code=2).out
+    for command in ("run", "serve", "drive --page 127.0.0.1:0"):
+        asked = [*command.split(), "--robot", str(path), "--backend", driver]
+        assert "leg2_femur" in call(*asked, code=2).err
 
 
 @pytest.mark.slow

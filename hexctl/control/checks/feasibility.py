@@ -20,7 +20,13 @@ from hexctl.robot.loader import load_robot_file
 from hexctl.robot.model import Robot
 from hexctl.robot.schema import RobotSchema
 from hexctl.robot.sensors import failures_shown
-from hexctl.robot.servos.raw_map import RawMap, joints_beyond, joints_beyond_travel
+from hexctl.robot.servos.raw_map import (
+    RawMap,
+    joints_beyond,
+    joints_beyond_travel,
+    joints_without_stance,
+    stance_problems,
+)
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.robot.unit_doubts import carried_doubt, mass_doubt, slowness_doubt, unit_doubts
 from hexctl.types import JOINT_NAMES, ArrayFields, FloatArray
@@ -124,6 +130,11 @@ class RobotCheck:
             yield _slow(self.demand.speed_share)
         if (clearance_m := self.robot.trunk_clearance_m) <= 0:
             yield _trunk_is_low(f"{1000 * abs(clearance_m):.3g} mm below the floor")
+        yield from stance_problems(self._without_stance)
+
+    @property
+    def _without_stance(self) -> dict[str, tuple[float, float, float]]:
+        return joints_without_stance(self.servo_map, self.robot) if self.servos_given else {}
 
     def _doubts(self) -> Iterator[str]:
         if LEAST_SPEED <= self.demand.speed_share < GOOD_SPEED:
@@ -177,6 +188,7 @@ class RobotCheck:
             "sensors": list(robot.sensors),
             "detects": failures_shown(robot.sensors),
             "joints": self._joints(),
+            "joints_without_stance": list(self._without_stance),
             "driver": self.driver,
             **self._servos(),
             "to_measure": list(self.to_measure),

@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from hexctl.backends.base import LegServos, as_robot, connection_notes
+from hexctl.backends.base import LegServos, as_robot, check_stance, connection_notes
 from hexctl.backends.clock import Tick
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
 from hexctl.backends.sim.world import DEFAULT_WORLD, World, load_world
@@ -128,7 +128,11 @@ class Drive:
         self.notes: tuple[str, ...] = ()
 
     def __enter__(self) -> Self:
-        """Connect the robot, which stands up with the first step; raises RobotFaultError."""
+        """Connect the robot, which stands up with the first step.
+
+        Raises RobotFaultError if it cannot be reached, InputError if its servos cannot reach its stance.
+        """
+        check_stance(self._guard.unwrapped)
         with ExitStack() as stack:
             stack.enter_context(self._guard)
             self.notes = (

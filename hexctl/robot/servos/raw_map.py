@@ -6,7 +6,7 @@
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Self
 
@@ -134,6 +134,22 @@ def joints_beyond(raw_map: RawMap, robot: Robot) -> tuple[str, ...]:
     """Names of the joints whose range in the robot file exceeds the limits of their servo."""
     outside = raw_map.outside(robot.joint_lower_rad) | raw_map.outside(robot.joint_upper_rad)
     return tuple(name for name, beyond in zip(JOINT_NAMES, outside, strict=True) if beyond)
+
+
+def joints_without_stance(raw_map: RawMap, robot: Robot) -> dict[str, tuple[float, float, float]]:
+    """Joints whose servo limits exclude the stance: lower limit, upper limit and stance in deg, by name."""
+    ends_rad = np.sort([raw_map.angles_rad(raw_map.least), raw_map.angles_rad(raw_map.most)], axis=0)
+    angles_deg = np.degrees([*ends_rad, robot.stance_angles_rad]).round(1) + 0.0  # no -0
+    joints = np.flatnonzero(raw_map.outside(robot.stance_angles_rad)).tolist()
+    return {JOINT_NAMES[joint]: tuple(angles_deg[:, joint].tolist()) for joint in joints}
+
+
+def stance_problems(joints: Mapping[str, tuple[float, float, float]]) -> list[str]:
+    """Why joints of `joints_without_stance` cannot stand, a text for each."""
+    return [
+        f"{name}: got servo limits {low:g} to {high:g} deg; allowed: limits with its stance, {at:g} deg"
+        for name, (low, high, at) in joints.items()
+    ]
 
 
 def joints_beyond_travel(raw_map: RawMap, robot: Robot) -> tuple[str, ...]:

@@ -242,7 +242,7 @@ def test_feet_that_touch_and_servos_that_clip_are_in_the_verdict(tmp_path: Path)
     path = tmp_path / "ant.yaml"
     for change, words in (
         ({"foot_radius_m": 0.07}, "feet touch"),
-        ({"servos": {"tibia": {"offset_deg": 75, "min_us": 1400}}}, "limits of the servos"),
+        ({"servos": {"tibia": {"offset_deg": 75, "min_us": 1250}}}, "limits of the servos"),
     ):
         path.write_text(yaml.safe_dump(content | change), encoding="utf-8")
         checked = check_robot(path)
