@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
 from websockets.typing import Origin, Subprotocol
 
 from hexctl.backends.zenoh.zenoh_client import ZenohServos
@@ -119,7 +120,7 @@ def test_a_stop_of_the_page_is_latched_at_a_served_robot_until_a_person_clears_i
 
 
 @contextmanager
-def paged(port: str) -> Iterator[ClientConnection]:
+def paged(port: str) -> Iterator[Connection]:
     own = f"127.0.0.1:{port}"
     with connect(
         f"ws://{own}/drive", origin=Origin(f"http://{own}"), subprotocols=[Subprotocol("hexctl.drive.1")]

@@ -18,7 +18,8 @@ from typing import Any, cast
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
 from websockets.protocol import State
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
 from websockets.typing import Origin, Subprotocol
 
 from hexctl.control.drive.arbiter import Arbiter, Decision, Velocity
@@ -55,12 +56,12 @@ def page_client(
     token: str | None = None,
     path: str = "/drive",
     **options: Any,
-) -> ClientConnection:
+) -> Connection:
     """A client of a page, by default from the page itself."""
     words = [Subprotocol(PROTOCOL), *([] if token is None else [Subprotocol(f"token.{token}")])]
     own, tls = f"127.0.0.1:{page.port}", "s" if "ssl" in options else ""
     place, origin = f"ws{tls}://{own}{path}", origin or f"http{tls}://{own}"
-    client: ClientConnection = connect(place, origin=Origin(origin), subprotocols=words, **options)
+    client: Connection = connect(place, origin=Origin(origin), subprotocols=words, **options)
     return client
 
 
@@ -81,10 +82,10 @@ class Served:
             **options,
         )
 
-    def client(self, **options: Any) -> ClientConnection:
+    def client(self, **options: Any) -> Connection:
         return page_client(self.page, **options)
 
-    def drives(self, client: ClientConnection) -> None:
+    def drives(self, client: Connection) -> None:
         """A client drives forward."""
         client.send(json.dumps({"v": [1, 0, 0]}))
         self.wait(Decision(Velocity(1, 0, 0), "page"))
@@ -353,10 +354,10 @@ class Driven:
         self.session = DriveSession(drive)
         self.page = DrivePage(LOOPBACK, drive.arbiter.source("page"), drive.share, self.session.ask)
 
-    def client(self) -> ClientConnection:
+    def client(self) -> Connection:
         """A client that has connected, as soon as its address may after a flood."""
 
-        def connected() -> ClientConnection | None:
+        def connected() -> Connection | None:
             with suppress(WebSocketException, EOFError, OSError):
                 return page_client(self.page, open_timeout=1.0)
             return None
@@ -365,7 +366,7 @@ class Driven:
         client.send(json.dumps({"release": True}))  # as the page does at its start
         return client
 
-    def stop_s(self, client: ClientConnection) -> float:
+    def stop_s(self, client: Connection) -> float:
         """Time from a client's stop to the tick that obeys it; `LOST_S` for one that is lost."""
         assert self.drive.decision.stopped is None
         at_s = time.monotonic()
@@ -408,7 +409,7 @@ def flooded(port: int, kind: str, rate: str) -> Iterator[None]:
             process.kill()
 
 
-def _drain(client: ClientConnection) -> None:
+def _drain(client: Connection) -> None:
     """Take what the robot says, as a page does: one that takes nothing hears no pong either."""
     with suppress(ConnectionClosed):
         for _ in client:

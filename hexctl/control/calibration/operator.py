@@ -4,8 +4,9 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
+from hexctl.errors import InputError
 from hexctl.robot.servos.raw_map import RawMap
 from hexctl.robot.servos.servos_section import back_up, write_joint
 from hexctl.types import JOINT_NAMES
@@ -64,6 +65,16 @@ def ask(operator: Operator, question: str, tick: Callable[[], object]) -> str:
     if answer.lower() in ("quit", "q"):
         raise EndedError
     return answer.lower()
+
+
+def done(operator: Operator, change: Callable[..., object], *values: Any) -> bool:
+    """Whether a change of the calibration succeeds; the operator is shown why it does not."""
+    try:
+        change(*values)
+    except InputError as error:
+        operator.tell(f"  {error}")
+        return False
+    return True
 
 
 def measured_deg(answer: str) -> float | None:

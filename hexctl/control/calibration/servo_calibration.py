@@ -1,14 +1,16 @@
 """Servo calibration: by hand if servos report their positions, otherwise by their motors."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from hexctl.backends.base import CalibratedServos
 from hexctl.backends.registry import BackendOptions, check_options, find_backend, make_servos
-from hexctl.control.calibration.backdriving import BackdrivenCalibration
-from hexctl.control.calibration.jogging import JoggedCalibration
+from hexctl.control.calibration.backdriving import BackdrivingDialogue
+from hexctl.control.calibration.calibration import BackdrivenCalibration, JoggedCalibration
+from hexctl.control.calibration.jogging import JoggingDialogue
 from hexctl.control.calibration.operator import INTRODUCTION, CalibrationResult, Operator
 from hexctl.control.guard import MAX_EXPIRY_S, Guard
 from hexctl.errors import InputError, argument
@@ -63,24 +65,35 @@ def calibrate(
     """
     check_names(calibrate, options, CalibrationOptions)
     asked = CalibrationOptions(**options)
+    with opened_calibration(robot, asked, stop_requested) as calibration:
+        operator.tell(INTRODUCTION)
+        joints = chosen_joints(asked.joints)
+        if isinstance(calibration, BackdrivenCalibration):
+            BackdrivingDialogue(calibration, operator).run(joints)
+        else:
+            JoggingDialogue(calibration, operator).run(joints)
+    return calibration.result
+
+
+@contextmanager
+def opened_calibration(
+    robot: str | Path, asked: CalibrationOptions, stop_requested: Callable[[], bool]
+) -> Iterator[JoggedCalibration | BackdrivenCalibration]:
+    """Connect the servos of a robot file to calibrate them; nothing moves. Raises what `calibrate` raises."""
     path = find_config("robots", robot)
     check_writable(path)
     file = load_robot_file(path)
     name = _backend(file, asked.backend)
-    chosen = chosen_joints(asked.joints)
+    chosen_joints(asked.joints)
     given = {field: getattr(asked, field) for field in ("port", "credentials", "insecure")}
     check_options(name, **given)
     servos = _calibrated(name, BackendOptions(robot=file.robot, robot_file=file, **given))
-    result = CalibrationResult(file.path)
     # One joint at a time, slowly: a busy moment of the computer must not end a long session.
     with Guard(servos, expiry_s=MAX_EXPIRY_S) as guard:
         guard.clock.tick()
-        operator.tell(INTRODUCTION)
-        if guard.read().measured and servos.servo_map.unit == "counts":
-            BackdrivenCalibration(guard, servos.servo_map, operator, result, stop_requested).run(chosen)
-        else:
-            JoggedCalibration(guard, servos, operator, result, stop_requested).run(chosen)
-    return result
+        by_hand = guard.read().measured and servos.servo_map.unit == "counts"
+        kind = BackdrivenCalibration if by_hand else JoggedCalibration
+        yield kind(guard, servos, CalibrationResult(file.path), stop_requested)
 
 
 def _backend(file: RobotFile, given: str | None) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from hexctl.types import JOINT_NAMES, FloatArray
 
 #: True angles of the ends to which joints are moved, in degrees.
-ENDS_DEG = (-38.0, 47.0)
+ENDS_DEG = (-92.0, 60.0)
 
 
 class Person:

@@ -218,6 +218,27 @@ def test_an_operator_who_quits_changes_nothing(file: Path, made: list[Bench]) ->
     assert not any("-0.0 deg" in text or "-0 deg" in text for text in watcher.screen)
 
 
+def test_limits_that_exclude_the_stance_are_refused_at_the_joint(file: Path, made: list[Bench]) -> None:
+    before = load_robot_file(file).servo_map
+    result, watcher = run(
+        file, made, "leg1_femur", lower=["-40", "ok"], upper=["20", "ok"]
+    )  # it stands at 5 deg
+    assert result.saved == ["leg1_femur"]
+    assert sum("leg1_femur: got servo limits" in text for text in watcher.screen) == 1
+    found = load_robot_file(file).servo_map
+    assert (found.least[1], found.most[1]) == (before.least[1], before.most[1])
+
+
+def test_a_joint_that_cannot_stand_is_not_saved(file: Path, made: list[Bench]) -> None:
+    narrow = fitting_file(file.parent, {"leg1_femur": {"min_us": 1000, "max_us": 1400}})
+    text = narrow.read_text()
+    skipped = {part: ["skip"] for part in ("Enter to move it", "if you measured")}
+    result, watcher = run(narrow, made, "leg1_femur", **skipped)
+    assert result.saved == []
+    assert any("leg1_femur: got servo limits" in text for text in watcher.screen)
+    assert narrow.read_text() == text
+
+
 def test_a_requested_stop_ends_it(file: Path, made: list[Bench]) -> None:
     watcher = Watcher(lambda: float(made[-1].true_deg[0]))
     asked = iter(range(1000))
@@ -357,6 +378,16 @@ def test_what_is_skipped_stays_as_it_was_and_the_direction_is_asked_for(bus_file
     found = found_in(bus_file)
     assert (found.signs[7], found.offsets_deg[7]) == (1, 0)
     assert found.least[7] > 0
+
+
+def test_ends_that_exclude_the_stance_are_asked_for_again(
+    bus_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tests.control.calibration.hands.ENDS_DEG", (-92.0, 10.0))  # it stands at 33 deg
+    _, hands = run_by_hand(bus_file, "leg1_femur", as_far_as=["", "", "skip"], direction=["skip"])
+    assert sum("leg1_femur: got servo limits" in text for text in hands.screen) == 1
+    found = found_in(bus_file)
+    assert (found.least[1], found.most[1]) == (0, 4095)
 
 
 @pytest.mark.parametrize(
