@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from hexctl.errors import InputError
-from hexctl.robot.failure import Failure, FailureEvent, check_events
+from hexctl.robot.failure import Failure, FailureEvent, check_events, failures_json
 from hexctl.robot.failure_grammar import (
     option_of,
     parse_coming_kind,
@@ -43,6 +43,15 @@ def test_a_leg_fails_in_one_manner_once_unless_it_heals() -> None:
         check_events([again], failed=[locked])
     check_events([parse_failure_event("5:limp@8"), parse_failure_event("2:locked@8")], failed=[locked])
     check_events([again, parse_healing("5@5")], failed=[locked])
+
+
+def test_results_name_every_failed_leg() -> None:
+    told = failures_json([Failure(leg=2), Failure(leg=4, kind="limp"), Failure(leg=5, kind="missing")])
+    assert told == {
+        "failed_leg": 2,
+        "failure": "locked",
+        "further_failures": {"4": "limp", "5": "missing"},
+    }
 
 
 FAILURES = {

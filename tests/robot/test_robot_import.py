@@ -358,6 +358,17 @@ def test_coxae_whose_range_lacks_the_zero_get_it_in_the_middle(ends: str, tmp_pa
     assert made.content["mounts"][0]["yaw_deg"] == pytest.approx(40 + math.degrees(high + low) / 2)
 
 
+def test_a_missing_end_of_a_range_is_zero(tmp_path: Path) -> None:
+    """URDF says so."""
+    made, full = (
+        imported(
+            tmp_path, hexapod(limits=(LIMIT, LIMIT, f'<limit {lower} upper="1.5" effort="2" velocity="5"/>'))
+        )
+        for lower in ("", 'lower="0"')
+    )
+    assert made.content["joints"]["tibia"] == full.content["joints"]["tibia"]
+
+
 def test_friction_and_damping_come_along(tmp_path: Path) -> None:
     made = imported(tmp_path, hexapod(dynamics='<dynamics friction="0.3" damping="0.25"/>'))
     joint = made.content["joints"]["femur"]

@@ -221,6 +221,15 @@ def test_pulses_that_no_servo_has_are_no_state_and_stop_the_robot(pulse: float, 
         assert guard.stopped == "state"
 
 
+@pytest.mark.parametrize(("further_mv", "volts"), [((3700, 3600), 44.3), ((65535, 0), 37.0)])
+def test_cells_beyond_the_tenth_count_if_they_are_known(further_mv: tuple[int, int], volts: float) -> None:
+    cells = [3700] * 10
+    message = common.MAVLink_battery_status_message(
+        0, 0, 0, 0, cells, -1, -1, -1, 50, voltages_ext=[*further_mv, 0, 0]
+    )
+    assert mavlink_messages.battery_of(message).voltage_v == pytest.approx(volts)
+
+
 def test_a_low_battery_is_reported_with_its_threshold(tmp_path: Path) -> None:
     with ScriptedBoard() as board, servos_at(board, tmp_path, servos={"low_battery_v": 10.0}) as servos:
         fine = state_after(servos, board, battery(3700, 3700, 3700, share=40))
