@@ -123,6 +123,8 @@ EXTRAS = {
     "cv2": "see",
     "pyapriltags": "see",
     "reportlab": "see",
+    "trimesh": "browser",
+    "viser": "browser",
 }
 
 

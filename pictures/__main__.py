@@ -12,7 +12,7 @@ from pathlib import Path
 
 os.environ.setdefault("MUJOCO_GL", "disable")
 
-from pictures import camera_map, failure_strip, figures, reality, rescue, step_response
+from pictures import camera_map, failure_strip, figures, play, reality, rescue, step_response
 from pictures.needed import MissingProgramError
 from pictures.picture import Picture
 
@@ -30,6 +30,7 @@ def _prior(folder: Path) -> Path:
 PICTURES: dict[str, Callable[[Path], Picture | Path]] = {
     "rescue": rescue.draw_rescue,
     "walking": figures.draw_walking,
+    "play": play.draw_play,
     "session": figures.draw_session,
     "prior": _prior,
     "step_response": step_response.draw_step_response,

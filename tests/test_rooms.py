@@ -6,12 +6,13 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
-    "": 2_440,
+    "": 2_442,
     "adapt": 7_713,
-    "backends": 11_805,
-    "cli": 6_595,
+    "backends": 11_836,
+    "browser": 1_720,
+    "cli": 6_680,
     "client": 1_020,
-    "control": 13_782,
+    "control": 13_834,
     "demo": 220,
     "doctor": 646,
     "export": 1_845,

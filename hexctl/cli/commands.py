@@ -18,6 +18,7 @@ GROUPS: dict[str, dict[str, tuple[str | None, str]]] = {
         "run": ("walk", "Walk, record the walk, and report the result."),
         "adapt": ("walk", "Find a gait for a failed leg in few trials; each is kept and recorded."),
         "drive": ("walk", "Drive a robot by hand: keyboard, gamepad, or a page for a phone."),
+        "play": ("walk", "Drive a simulated robot in the browser, and break its legs by a click."),
         "view": (
             "results",
             "Open recordings or sessions in the Rerun viewer until it is closed, or watch a robot.",

@@ -44,6 +44,7 @@ DROPPED = ("--view", "--realtime")
 #: Only parsed, as the program itself would: commands with all of these words, and why.
 PARSED = {
     ("view",): "opens a window, until it is closed",
+    ("play",): "plays until a person ends it; tests/browser does",
     ("drive",): "drives until a person ends it; tests/cli/test_drive.py does",
     ("calibrate",): "asks a person what each servo did",
     ("walk-through",): "asks a person which leg moved",

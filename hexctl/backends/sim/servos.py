@@ -14,14 +14,20 @@ from hexctl.backends.sim.actuators import ActuatorModel
 from hexctl.backends.sim.sensing import LOST_COMMANDS, JointTorques, Losses, SensorMemory, Sensors
 from hexctl.backends.sim.servo_physics import ServoPower
 from hexctl.backends.sim.simulated_failure import FIRST_SPEED, FailuresToCome, jam_rad, jammed_angles_rad
-from hexctl.backends.sim.simulation_model import FIRST_JOINT, Simulation, make_simulation, waiting_commands
+from hexctl.backends.sim.simulation_model import (
+    FIRST_JOINT,
+    TOUCH,
+    Simulation,
+    make_simulation,
+    waiting_commands,
+)
 from hexctl.backends.sim.world import World, as_world
 from hexctl.errors import SimulationDivergedError, check_type
 from hexctl.mujoco_import import mujoco
 from hexctl.robot.failure import Failure, FailureEvent, Failures, checked_failures, drawn_failure
 from hexctl.robot.model import Robot
 from hexctl.robot.sensors import SENSORS
-from hexctl.types import JointTargets, RobotState
+from hexctl.types import FloatArray, JointTargets, RobotState
 
 
 class SimClock(Clock):
@@ -114,6 +120,7 @@ class SimServos(OwnServos):
         self.facing_rad = facing_rad
         self._compiled: Simulation | None = None
         self._to_come = FailuresToCome((), 0.0)
+        self._push_n, self._push_ticks = np.zeros(3), 0
 
     @property
     def simulation(self) -> Self:
@@ -170,6 +177,24 @@ class SimServos(OwnServos):
         if self._compiled is None:
             return None
         return self._qpos[:3].copy(), self._qpos[3:FIRST_JOINT].copy()
+
+    def true_state(self) -> RobotState:
+        """Pose, angles and contacts as they are, without sensors; raises RobotFaultError before `connect`."""
+        touch = self.compiled.physics.data.ptr.sensordata[TOUCH]
+        position_world, quaternion_world = self._qpos[:3].copy(), self._qpos[3:FIRST_JOINT].copy()
+        return RobotState(
+            joint_positions_rad=self._qpos[FIRST_JOINT:].copy(),
+            stamp_s=self._clock.now_s,
+            measured=True,
+            base_position_world=position_world,
+            base_quaternion_world=quaternion_world,
+            foot_contacts=touch > 0,
+        )
+
+    def push(self, force_world_n: FloatArray, duration_s: float) -> None:
+        """Push the trunk at its centre of mass with a force, (3,), from the next control period on."""
+        check_connected(self._compiled is not None, "the simulated robot")
+        self._push_n, self._push_ticks = force_world_n, round(duration_s / self._clock.period_s)
 
     @property
     def failures(self) -> tuple[Failure, ...]:
@@ -240,6 +265,9 @@ class SimServos(OwnServos):
         self.sensors.torques = JointTorques.of(self.compiled)
 
     def _step(self) -> None:
+        if self._push_ticks:
+            self._push_ticks -= 1
+            self._apply_push(self._push_n if self._push_ticks else np.zeros(3))
         for event in self._to_come.due():
             self.change_leg(event.leg, event.failure)
         physics, after = self.compiled.physics, self.sensors.steps_after
@@ -251,6 +279,10 @@ class SimServos(OwnServos):
             self._friction_nm[:] = self._gears.limit_nm(*self.sensors.memory.servos_now)
         self.sensors.draw()
         self.loss.draw()
+
+    def _apply_push(self, force_world_n: FloatArray) -> None:
+        model, data = self.compiled.physics.model.ptr, self.compiled.physics.data.ptr
+        data.xfrc_applied[model.jnt_bodyid[0], :3] = force_world_n
 
     def _advance(self, physics: Any, steps: int) -> None:
         """Step without dm_control's `step`, which takes 7 us more; raises SimulationDivergedError."""

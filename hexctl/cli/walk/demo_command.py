@@ -155,6 +155,7 @@ def _ending(result: "DemoResult", session: "Session") -> "list[RenderableType]":
         f"  {_view_command()} {shlex.quote(str(result.recordings[-1]))}",
         f"  hexctl sessions show {session.name}",
         f"  hexctl run --failure 5:limp@8{' --realtime --view' if has_display() else ''}",
+        "  hexctl play  # drive it in your browser, and break its legs by a click",
     ]
 
 

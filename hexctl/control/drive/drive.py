@@ -96,11 +96,11 @@ class Drive:
         if events:
             options["events"] = (*options.get("events", ()), *events)
         self._known = self._failures if failures_known else ()
-        if hold not in DRIVE_HOLDS:
-            raise InputError(f"hold: got {hold}; allowed: {', '.join(DRIVE_HOLDS)}")
+        self._controller: DriveController | None = None
+        self.hold = hold
         if feet not in FEET:
             raise InputError(f"feet: got {feet}; allowed: {', '.join(FEET)}")
-        self._hold, self._level, self._feet = hold, level, feet
+        self._level, self._feet = level, feet
         self._robot_file: RobotFile | None = None
         check_type(servos, (LegServos, NoneType), "servos", "LegServos, as SimServos('ant') gives, or None")
         if servos is None:
@@ -112,16 +112,13 @@ class Drive:
         self.arbiter = Arbiter() if arbiter is None else arbiter
         if recovery is None:
             recovery = default_recovery(simulated=self._guard.simulation is not None)
-        self._recovery = make_recovery(recovery) if isinstance(recovery, str) else recovery
-        check_type(self._recovery, Recovery, "recovery", "a Recovery")
+        self.recovery = recovery
         self._gait = self._gait_of(gait)
         if body_raise is not None:
             self._gait = replace(self._gait, posture=replace(self._gait.posture, body_raise=body_raise))
-        self._recorders = recorders
-        self._observers: list[TickObserver] = (
-            [] if recorders is None else [_EventNotes(self, recorders), recorders]
-        )
-        self._controller: DriveController | None = None
+        self._recorders: Recorders | None = None
+        self._observers: list[TickObserver] = []
+        self.record(recorders)
         self._stack = ExitStack()
         self._zero_index: int | None = None
         self._stood = False  # since the robot was connected or reset
@@ -147,8 +144,7 @@ class Drive:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._controller = None
-        if self._recorders is not None:
-            self._recorders.flush()
+        self.record(None)
         self._stack.__exit__(kind, error, trace)
 
     def reset(self) -> RobotState:
@@ -198,6 +194,15 @@ class Drive:
             if self._guard.simulation is not None:
                 self._guard.simulation.walk_begins()
         return state
+
+    def record(self, recorders: Recorders | None) -> None:
+        """Record from the next step on, or no longer for None; previous recorders get their last ticks."""
+        if self._recorders is not None:
+            self._recorders.flush()
+        self._recorders = recorders
+        self._observers = [] if recorders is None else [_EventNotes(self, recorders), recorders]
+        if recorders is not None:
+            recorders.log.controller = self._controller
 
     def pause(self) -> None:
         """Suspend the guard's watchdog until the next step; the robot holds its pose."""
@@ -250,6 +255,34 @@ class Drive:
         if self._controller is not None:
             self._controller.change_gait(new)
         self._gait = new
+
+    @property
+    def hold(self) -> str:
+        """`auto` corrects slip, `none` does not; may be set."""
+        return self._hold
+
+    @hold.setter
+    def hold(self, hold: str) -> None:
+        """Raises InputError for another word."""
+        if hold not in DRIVE_HOLDS:
+            raise InputError(f"hold: got {hold}; allowed: {', '.join(DRIVE_HOLDS)}")
+        self._hold = hold
+        if self._controller is not None:
+            self._controller.holds = hold == "auto"
+
+    @property
+    def recovery(self) -> Recovery:
+        """The response to failed legs; set a name or a recovery, for legs that fail from now on."""
+        return self._recovery
+
+    @recovery.setter
+    def recovery(self, recovery: str | Recovery) -> None:
+        """Raises InputError for an unknown name."""
+        made = make_recovery(recovery) if isinstance(recovery, str) else recovery
+        check_type(made, Recovery, "recovery", "a Recovery")
+        if self._controller is not None:
+            self._controller.change_recovery(made)
+        self._recovery = made
 
     @property
     def level(self) -> bool:

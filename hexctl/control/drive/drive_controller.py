@@ -110,6 +110,15 @@ class DriveController(Controller):
         self._level = self.walk.poser.level = level
 
     @property
+    def holds(self) -> bool:
+        """Whether slip is corrected; may be set."""
+        return self._hold is not None
+
+    @holds.setter
+    def holds(self, holds: bool) -> None:
+        self._hold = (self._hold or VelocityHold()) if holds else None
+
+    @property
     def pose_share(self) -> float:
         """Share of the commanded body pose that the legs reach."""
         return self.walk.poser.pose_share
@@ -145,6 +154,11 @@ class DriveController(Controller):
         self._limits = VelocityLimits.of(self._robot, gait)
         self._gait = gait
         self.walk.change_gait(self._suited(gait))
+
+    def change_recovery(self, recovery: Recovery) -> None:
+        """Respond to legs that fail from now on in another way."""
+        self._recovery = recovery
+        self._monitored.change_recovery(recovery)
 
     def stand(self) -> None:
         """Stand up, or step all feet to their places; ends a stop for a failed leg."""

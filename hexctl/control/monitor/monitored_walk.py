@@ -66,8 +66,7 @@ class MonitoredWalk(Controller):
         self._headings_rad = [motion.heading_rad for motion in start.motions]
         self._failures = [list(plan.failures) for plan in start.plans]
         self.noticed: tuple[list[Noticed], ...] = tuple([] for _ in start.plans)
-        for plan, heading_rad in zip(start.plans, self._headings_rad, strict=True):
-            recovery.prepare(start.robot, plan, heading_rad)
+        self.change_recovery(recovery)
         self._stopping = False
         self._stopped: dict[int, str] = {}
         self._trouble = ""  # error of the recovery
@@ -89,6 +88,12 @@ class MonitoredWalk(Controller):
             self._patterns_of if _steady(walk) else None,
             uneven=start.plans[0].feet == "adaptive",
         )
+
+    def change_recovery(self, recovery: Recovery) -> None:
+        """Follow another recovery for legs that fail from now on, which it prepares."""
+        for plan, heading_rad in zip(self._start.plans, self._headings_rad, strict=True):
+            recovery.prepare(self._start.robot, plan, heading_rad)
+        self._recovery = recovery
 
     def _each(self, values: Sequence[Any]) -> Any:
         return np.array(values)[slice(None) if self._start.batch_shape else 0]

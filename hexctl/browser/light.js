@@ -1,0 +1,14 @@
+// Before viser starts: without a graphics card, draw fewer pixels and none of them several times.
+(() => {
+  const probe = document.createElement("canvas").getContext("webgl2");
+  const info = probe && probe.getExtension("WEBGL_debug_renderer_info");
+  const name = info ? probe.getParameter(info.UNMASKED_RENDERER_WEBGL) : "";
+  const query = new URLSearchParams(location.search);
+  if (!/swiftshader|llvmpipe|softpipe|software/i.test(name) || query.has("fixedDpr")) return;
+  query.set("fixedDpr", "0.5");
+  history.replaceState(null, "", "?" + query);
+  const original = HTMLCanvasElement.prototype.getContext;
+  HTMLCanvasElement.prototype.getContext = function (kind, options) {
+    return original.call(this, kind, kind.startsWith("webgl") ? { ...options, antialias: false } : options);
+  };
+})();

@@ -1,0 +1,21 @@
+"""Chromium for tests of pages; they are skipped without it, and fail with HEXCTL_REQUIRE_ALL."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from playwright.sync_api import Browser
+
+from pictures.chromium import chromium
+from pictures.needed import MissingProgramError
+
+
+@contextmanager
+def browser_or_skip() -> Iterator[Browser]:
+    """A browser of the system."""
+    try:
+        with chromium() as running:
+            yield running
+    except MissingProgramError as error:
+        (pytest.fail if os.environ.get("HEXCTL_REQUIRE_ALL") else pytest.skip)(str(error))
