@@ -3,17 +3,13 @@
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hexctl.errors import InputError
-from hexctl.options import flag_name
 from hexctl.teleop.drive_options import DriveOptions
 
 if TYPE_CHECKING:
-    from hexctl.teleop.drive_page import DrivePage
+    from hexctl.teleop.control_page import ControlPage
     from hexctl.teleop.drive_session import Device, DriveSession
-    from hexctl.wire.certificates import Credentials
 
 
 def open_devices(
@@ -56,28 +52,18 @@ def open_devices(
     return devices
 
 
-def _page(stack: ExitStack, session: "DriveSession", address: str, options: DriveOptions) -> "DrivePage":
-    from hexctl.teleop.drive_page import DrivePage
+def _page(stack: ExitStack, session: "DriveSession", address: str, options: DriveOptions) -> "ControlPage":
+    from hexctl.teleop.control_page import ControlPage, page_html
     from hexctl.teleop.picture_relay import PictureRelay
     from hexctl.wire.page_address import PageAddress
 
-    view, folder = options.page_view, options.page_keys
-    return DrivePage(
+    view = options.page_view
+    return ControlPage(
         PageAddress.parse(address),
+        page_html("drive"),
         session.drive.arbiter.source("page"),
         session.drive.share,
         session.ask,
-        credentials=None if folder is None else _credentials(folder),
+        credentials=options.page_credentials,
         pictures=None if view is None else stack.enter_context(PictureRelay(view)),
     )
-
-
-def _credentials(folder: Path) -> "Credentials":
-    from hexctl.wire.certificates import find_credentials
-    from hexctl.wire.links import Role
-
-    try:
-        return find_credentials(folder, Role.ROBOT)
-    except InputError as error:
-        flags = {"credentials": "keys"}
-        raise InputError(error.worded(lambda name: f"--page-{flags.get(name, flag_name(name))}")) from error

@@ -10,6 +10,7 @@ from hexctl.errors import InputError, argument
 from hexctl.gait.gait import CHOSEN_GAITS, DEFAULT_GAIT, gait_text
 from hexctl.gait.posture import POSTURE
 from hexctl.options import RARE, Panel, Typed, check_fields
+from hexctl.teleop.page_options import PageOptions
 
 DriveHold = Literal["auto", "none"]
 
@@ -17,7 +18,7 @@ RECORDING, WALK = Panel("Recording"), Panel("Walk")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DriveOptions(RobotOptions, GroundOptions):
+class DriveOptions(PageOptions, RobotOptions, GroundOptions):
     """Input devices of a drive, and its walk. Its fields are the options of `hexctl drive`.
 
     Raises InputError for an invalid value.
@@ -32,14 +33,6 @@ class DriveOptions(RobotOptions, GroundOptions):
     """Drive with a gamepad while a shoulder button is held: auto takes the first that is plugged in, at any
     time; or its event file, or none. (default: auto)
     """
-
-    page: str | None = None
-    """Serve a page to drive with at HOST:PORT, such as 127.0.0.1:8017 for this computer only; beyond it
-    --page-keys are needed, and the token that is printed. (default: none)
-    """
-
-    page_keys: Annotated[Path | None, RARE] = None
-    """Folder of certificates that hexctl keys new made, for a page beyond this computer. (default: none)"""
 
     page_view: Annotated[str | None, RARE] = None
     """Show on the page what a camera sees: the http or https URL of its stream or picture, such as
@@ -76,10 +69,9 @@ class DriveOptions(RobotOptions, GroundOptions):
                 f"{argument('gait')}: got {self.gait}, chosen for a failed leg before a walk; "
                 "allowed: a gait by name, code or slots"
             )
-        if self.page is None:
-            for name in ("page_keys", "page_view"):
-                if getattr(self, name) is not None:
-                    raise InputError(f"{argument(name)}: used without --page; allowed: with --page HOST:PORT")
+        self.check_page()
+        if self.page is None and self.page_view is not None:
+            raise InputError(f"{argument('page_view')}: used without --page; allowed: with --page HOST:PORT")
         self._check_devices()
 
     def _check_devices(self) -> None:
@@ -87,10 +79,6 @@ class DriveOptions(RobotOptions, GroundOptions):
             from hexctl.teleop.picture_relay import PictureRelay
 
             PictureRelay(self.page_view)
-        if self.page is not None:
-            from hexctl.wire.page_address import PageAddress
-
-            PageAddress.parse(self.page).check(secured=self.page_keys is not None)
         if self.pad is not None:
             from hexctl.teleop.gamepad import check_gamepad
 

@@ -14,10 +14,10 @@ from hexctl.control.telemetry_watch import SeenWarnings
 from hexctl.errors import EStopError, HexctlError, InputError
 from hexctl.gait.body_pose import LEVEL
 from hexctl.gait.gait import NAMED_SLOTS
-from hexctl.ik.legs import link_points_body
 from hexctl.robot.failure import in_words
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
-from hexctl.types import N_LEGS, FloatArray, RobotState, all_finite
+from hexctl.teleop.robot_outline import legs_outline
+from hexctl.types import FloatArray, RobotState
 
 if TYPE_CHECKING:
     from hexctl.client.stop_client import ReadyStop
@@ -61,9 +61,6 @@ STOPPED_POLL_S = 0.1
 
 #: Reports over which the speed of the body is measured.
 SPEED_REPORTS = 10
-
-#: Height of a foot above the lowest one from which it is shown as lifted, as a share of the step height.
-IN_AIR = 0.25
 
 #: Shorter distances count as no travel, because measured positions are noisy.
 LEAST_TRAVEL_M = 0.01
@@ -262,16 +259,9 @@ class DriveSession:
         }
 
     def _legs(self, state: RobotState) -> list[dict[str, Any]]:
-        """Each leg seen from above, from mount to foot as (forward, left) in stance radii, and its state."""
-        robot, gait, failed = self.drive.robot, self.drive.gait_now, {one.leg for one in self.drive.failures}
-        if not all_finite(state.joint_positions_rad):
-            return []
-        points_m = link_points_body(robot, state.joint_positions_rad)
-        heights_m = points_m[:, -1, 2]
-        in_air = heights_m > heights_m.min() + IN_AIR * gait.height * robot.size_m
-        seen = (points_m[..., :2] / robot.stance_radius_m).round(3).tolist()
-        states = ["failed" if leg + 1 in failed else "air" if in_air[leg] else "" for leg in range(N_LEGS)]
-        return [{"points": each, "state": how} for each, how in zip(seen, states, strict=True)]
+        robot, failed = self.drive.robot, {one.leg for one in self.drive.failures}
+        step_m = self.drive.gait_now.height * robot.size_m
+        return legs_outline(robot, state.joint_positions_rad, step_m, failed)
 
     def _lack(self, state: RobotState) -> str:
         drive = self.drive

@@ -25,7 +25,14 @@ from websockets.typing import Origin, Subprotocol
 from hexctl.control.drive.arbiter import Arbiter, Decision, Velocity
 from hexctl.control.drive.drive import Drive
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.teleop.drive_page import MOST_CLIENTS, MOST_VIEWERS, PROTOCOL, DrivePage, new_token
+from hexctl.teleop.control_page import (
+    MOST_CLIENTS,
+    MOST_VIEWERS,
+    PROTOCOL,
+    ControlPage,
+    new_token,
+    page_html,
+)
 from hexctl.teleop.drive_session import DriveSession
 from hexctl.teleop.page_connection import (
     CONNECTIONS_S,
@@ -48,9 +55,11 @@ TOKEN = new_token()
 
 LOOPBACK = PageAddress("127.0.0.1", 0)
 
+HTML = page_html("drive")
+
 
 def page_client(
-    page: DrivePage,
+    page: ControlPage,
     *,
     origin: str | None = None,
     token: str | None = None,
@@ -72,8 +81,9 @@ class Served:
         self.now_s = 0.0
         self.arbiter = Arbiter(lambda: self.now_s)
         self.asked: list[str] = []
-        self.page = DrivePage(
+        self.page = ControlPage(
             LOOPBACK,
+            HTML,
             self.arbiter.source("page"),
             Velocity,
             self.asked.append,
@@ -129,9 +139,66 @@ def test_one_client_drives_and_any_may_stop() -> None:
 def test_clients_hear_what_the_robot_does() -> None:
     with served() as robot, robot.client() as client:
         robot.page.report({"robot": "ant", "battery_v": 7.4})
-        while (said := json.loads(client.recv(timeout=5))) == {}:
+        while "robot" not in (said := json.loads(client.recv(timeout=5))):
             pass
-        assert said == {"robot": "ant", "battery_v": 7.4}
+        assert said == {"robot": "ant", "battery_v": 7.4, "owner": None}
+
+
+def owner_seen(client: Connection) -> str | None:
+    """What a client hears about to whom the robot listens."""
+    while "robot" not in (said := json.loads(client.recv(timeout=5))):
+        pass
+    owner: str | None = said["owner"]
+    return owner
+
+
+def test_clients_hear_who_drives() -> None:
+    with served() as robot, robot.client() as first, robot.client() as second:
+        robot.page.report({"robot": "ant"})
+        robot.drives(first)
+        wait_for(lambda: owner_seen(first) == "you", 5.0, "the driver does not hear it")
+        wait_for(lambda: owner_seen(second) == "127.0.0.1", 5.0, "the other does not hear it")
+        first.send(json.dumps({"release": True}))
+        wait_for(lambda: owner_seen(second) is None, 5.0, "it is not free")
+
+
+def test_a_page_with_an_owner_obeys_only_it_and_anybodys_stop() -> None:
+    with served(owned_s=5.0) as robot, robot.client() as second:
+        robot.page.report({"robot": "ant"})
+        with robot.client() as first:
+            first.send(json.dumps({"here": True}))
+            wait_for(lambda: owner_seen(first) == "you", 5.0, "nobody owns it")
+            for message in (
+                {"here": True},
+                {"do": "zero"},
+                {"v": [1, 0, 0]},
+                {"release": True},
+                {"do": "stop"},
+            ):
+                second.send(json.dumps(message))
+            robot.does("stop")
+            assert (robot.arbiter.decide(), owner_seen(second)) == (Decision(), "127.0.0.1")
+            robot.drives(first)
+            first.send(json.dumps({"release": True}))  # it stays the owner
+            robot.wait(Decision(Velocity(), "page"))
+            robot.now_s = 4.0
+            second.send(json.dumps({"here": True}))
+            robot.drives(first)
+        robot.wait(Decision(Velocity(), "page"))  # its page is closed in mid-jog
+        second.send(json.dumps({"do": "zero"}))
+        wait_for(lambda: robot.asked == ["stop", "zero"], 5.0, f"{robot.asked}")
+        assert owner_seen(second) == "you"
+
+
+def test_an_owner_that_is_silent_loses_the_page() -> None:
+    with served(owned_s=5.0) as robot, robot.client() as first, robot.client() as second:
+        robot.drives(first)
+        robot.now_s = 6.0
+        second.send(json.dumps({"do": "zero"}))
+        robot.does("zero")
+        first.send(json.dumps({"do": "flip"}))
+        second.send(json.dumps({"do": "save"}))
+        wait_for(lambda: robot.asked == ["zero", "save"], 5.0, f"{robot.asked}")
 
 
 def test_what_is_no_command_moves_nothing() -> None:
@@ -192,14 +259,14 @@ def test_beyond_this_computer_it_takes_certificates_and_a_token() -> None:
     address = PageAddress.parse("0.0.0.0:0")
     assert not address.loopback
     with pytest.raises(InputError, match=r"page: got 0\.0\.0\.0"):
-        DrivePage(address, arbiter.source("page"), Velocity, print)
+        ControlPage(address, HTML, arbiter.source("page"), Velocity, print)
 
 
 def test_a_port_in_use_is_a_fault_that_names_the_option() -> None:
     with served() as robot:
         address = PageAddress("127.0.0.1", robot.page.port)
         with pytest.raises(RobotFaultError, match="page: cannot listen"):
-            DrivePage(address, robot.arbiter.source("page"), Velocity, print).__enter__()
+            ControlPage(address, HTML, robot.arbiter.source("page"), Velocity, print).__enter__()
 
 
 def test_with_certificates_it_is_served_over_tls(tmp_path: Path) -> None:
@@ -251,7 +318,7 @@ def test_a_viewer_that_takes_nothing_holds_nobody_up(pictures: PictureRelay) -> 
         viewer.send("next")
         for index in range(5):
             robot.page.report({"robot": str(index)})
-            wait_for(lambda: json.loads(client.recv(timeout=5)) == {"robot": str(index)}, 5.0, "no status")  # noqa: B023
+            wait_for(lambda: json.loads(client.recv(timeout=5)).get("robot") == str(index), 5.0, "no status")  # noqa: B023
         client.send(json.dumps({"do": "stop"}))
         robot.does("stop")
 
@@ -352,7 +419,7 @@ class Driven:
     def __init__(self, drive: Drive) -> None:
         self.drive = drive
         self.session = DriveSession(drive)
-        self.page = DrivePage(LOOPBACK, drive.arbiter.source("page"), drive.share, self.session.ask)
+        self.page = ControlPage(LOOPBACK, HTML, drive.arbiter.source("page"), drive.share, self.session.ask)
 
     def client(self) -> Connection:
         """A client that has connected, as soon as its address may after a flood."""

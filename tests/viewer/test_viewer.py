@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from playwright.sync_api import Page
 
 from faults.process import children_of
 from hexctl import palette
@@ -28,7 +29,7 @@ from hexctl.gait.gait import make_gait
 from hexctl.recording import style
 from hexctl.recording.recording import Recording
 from hexctl.robot.failure import Failure
-from pictures.browser import Browser, browser
+from pictures.browser import chromium
 from pictures.needed import MissingProgramError
 from pictures.picture import Color, Picture
 from pictures.screen import strange_home, virtual_screen
@@ -211,22 +212,21 @@ def test_a_link_leads_to_the_robot_in_the_same_window(
 
 
 @pytest.fixture
-def page(home: dict[str, str]) -> Iterator[Browser]:
+def page() -> Iterator[Page]:
     try:
-        with browser((800, 500), Path(home["HOME"])) as opened:
-            yield opened
+        with chromium() as browser:
+            yield browser.new_page(viewport={"width": 800, "height": 500}, color_scheme="light")
     except MissingProgramError as error:
         give_up(error)
 
 
 @pytest.mark.slow
-def test_a_browser_shows_the_robot(page: Browser, trial: Path, tmp_path: Path, home: dict[str, str]) -> None:
+def test_a_browser_shows_the_robot(page: Page, trial: Path, tmp_path: Path, home: dict[str, str]) -> None:
     """On a dark page, though a browser without a screen prefers light ones: text and feet are white."""
 
     def robot() -> Picture | None:
-        now = page.picture()
         with suppress(AssertionError):
-            assert now is not None, "there is no page"
+            now = Picture.from_png(page.screenshot())
             check_robot(now)
             return now
         return None
@@ -235,7 +235,7 @@ def test_a_browser_shows_the_robot(page: Browser, trial: Path, tmp_path: Path, h
         viewer.wait_for("in a browser")
         address = re.search(r"http://\S+", viewer.said())
         assert address is not None
-        page.go(address[0])
+        page.goto(address[0])
         # Three dimensions without a graphics card take long.
         shown: Picture = wait_until(robot, "a robot on the page", 90.0)
         assert shown.share((255, 255, 255), near=10) < 0.05, "light lines are drawn on white"

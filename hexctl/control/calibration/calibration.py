@@ -14,7 +14,7 @@ from hexctl.backends.base import CalibratedServos
 from hexctl.control.calibration.operator import CalibrationResult, EndedError
 from hexctl.control.calibration.reference_pose import leg_pose_deg
 from hexctl.control.guard import Guard
-from hexctl.errors import InputError, RobotFaultError
+from hexctl.errors import EStopError, InputError, RobotFaultError
 from hexctl.robot.servos.raw_map import RawMap, joints_without_stance, stance_problems
 from hexctl.types import JOINT_NAMES, JOINTS_PER_LEG, FloatArray, JointTargets
 
@@ -102,7 +102,7 @@ class Calibration(ABC):
 
     def flip(self, joint: int, at_raw: float | None = None) -> None:
         """Reverse the direction of a joint; its angle at a raw position, or where it is, stays the same."""
-        self._change(joint, self.map.flipped(joint, self._angle_at(joint, at_raw)))
+        self._change(joint, self.map.flipped(joint, self.angle_at(joint, at_raw)))
 
     def reference(self, joints: Sequence[int], true_deg: float | None = None) -> None:
         """Set the angles of joints of one leg where they are: its reference pose, or one joint's true angle.
@@ -160,7 +160,8 @@ class Calibration(ABC):
         self._replace(servo_map)
         self._earlier.append(before)
 
-    def _angle_at(self, joint: int, raw: float | None) -> float:
+    def angle_at(self, joint: int, raw: float | None) -> float:
+        """Angle in deg of a joint, 0..17, at a raw position, or where it is."""
         at = self.raw.copy()
         if raw is not None:
             at[joint] = raw
@@ -227,7 +228,10 @@ class JoggedCalibration(Calibration):
         self.guard.read()
         self._check_running(self.guard.stopped)
         if self._holds and self.guard.stopped is None:
-            sent = self.guard.write(JointTargets(self._targets_rad, tick.time_s))
+            try:
+                sent = self.guard.write(JointTargets(self._targets_rad, tick.time_s))
+            except EStopError:
+                return  # stopped in this moment
             self._targets_rad = sent.joint_positions_rad.copy()
 
     def measured(self, joints: Sequence[int]) -> FloatArray:
@@ -367,7 +371,7 @@ class BackdrivenCalibration(Calibration):
         """Map with the sign of a direction; the angle at the count `reference` stays the same."""
         if rises == (self.map.signs[joint] > 0):
             return self.map
-        return self.map.flipped(joint, self._angle_at(joint, reference))
+        return self.map.flipped(joint, self.angle_at(joint, reference))
 
     def _check_moved(self, joint: int, before: float, after: float) -> None:
         moved_deg = abs(after - before) / self.map.per_deg[joint]

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from hexctl.errors import InputError
-from hexctl.robot.servos.raw_map import RawMap
+from hexctl.robot.loader import load_robot_file
+from hexctl.robot.servos.raw_map import LIMIT_KEYS, RawMap
 from hexctl.robot.servos.servos_section import back_up, write_joint
 from hexctl.types import JOINT_NAMES
 
@@ -48,6 +49,15 @@ class CalibrationResult:
     path: Path
     saved: list[str] = field(default_factory=list)
     backup: Path | None = None
+
+    def has(self, joint: int) -> bool:
+        """Whether the file has sign, offset and limits of a joint, 0..17, itself."""
+        own = load_robot_file(self.path).content.servos
+        values = getattr(own, JOINT_NAMES[joint])
+        keys = ("sign", "offset_deg")
+        return all(getattr(values, key) is not None for key in keys) and any(
+            all(getattr(values, key) is not None for key in pair) for pair in LIMIT_KEYS.values()
+        )
 
     def save(self, joint: int, servo_map: RawMap) -> None:
         """Write the map of one joint, 0..17; the keys of the others stay as they are."""

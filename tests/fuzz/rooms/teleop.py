@@ -13,7 +13,7 @@ import websockets.datastructures
 from websockets.http11 import Request
 
 from hexctl.control.drive.arbiter import Arbiter, Velocity
-from hexctl.teleop.drive_page import SOCKET_PATH, TOKEN_PREFIX, VIEW_PATH, DrivePage
+from hexctl.teleop.control_page import SOCKET_PATH, TOKEN_PREFIX, VIEW_PATH, ControlPage, page_html
 from hexctl.teleop.gamepad import EVENT, EventFiles, GamepadEvents, StopButton, _bits
 from hexctl.teleop.keyboard import REQUEST_KEYS, Keyboard
 from hexctl.teleop.picture_relay import PictureRelay, _Incoming, _PictureError, jpeg_size
@@ -103,8 +103,9 @@ class Page:
     def __init__(self, token: str | None) -> None:
         self.arbiter = Arbiter(lambda: 0.0)
         self.asked: list[str] = []
-        self.page = DrivePage(
+        self.page = ControlPage(
             PageAddress("127.0.0.1", 8080),
+            page_html("drive"),
             self.arbiter.source("page"),
             Velocity,
             self.asked.append,

@@ -1,15 +1,19 @@
-"""A page for driving by phone or browser: one file over HTTP and a WebSocket on the same port.
+"""A page that moves a robot by phone or browser: one file over HTTP and a WebSocket on the same port.
+
+`hexctl drive` and `hexctl calibrate` serve theirs with it.
 
 Messages to the robot are JSON: `{"v": [forward, left, turn]}` with shares of the maximum speeds, -1 to 1, 20
 to 50 times a second while a finger is down; `{"release": true}` when it lifts; `{"do": "stop"}` for other
-requests. The robot sends its status at 10 Hz. Pictures of a camera have a second socket, so as not to delay
-the status: any message asks for the next picture, answered by one message, or by JSON `{"trouble": why}`.
+requests. A page with an owner also sends `{"here": true}` once a second. The robot sends its status at 10 Hz,
+with the `owner`: "you", the address of the client that moves it, or null. Pictures of a camera have a second
+socket, so as not to delay the status: any message asks for the next picture, answered by one message, or by
+JSON `{"trouble": why}`.
 
 A client that sends more than 100 messages a second is disconnected. A stop is handled before parsing and
 counting. With 16 clients, a silent one is replaced by a new one.
 
-Every client may drive. The page is therefore limited to this computer unless a token and TLS are configured;
-requests for a foreign host name, and sockets of foreign pages, are refused.
+Every client may move the robot. The page is therefore limited to this computer unless a token and TLS are
+configured; requests for a foreign host name, and sockets of foreign pages, are refused.
 """
 
 import asyncio
@@ -77,16 +81,28 @@ POLICY = (
 )
 
 
+def page_html(name: str) -> bytes:
+    """A page of this package, with what all pages have in common in its place."""
+    folder = files("hexctl.teleop").joinpath("pages")
+    text = folder.joinpath(f"{name}.html").read_text(encoding="utf-8")
+    for part in ("control.css", "control.js", "robot.js"):
+        text = text.replace(f"/* {part} */", folder.joinpath(part).read_text(encoding="utf-8"))
+    return text.encode()
+
+
 def new_token() -> str:
     """A random token: 60 bits in easily typed letters."""
     return "".join(secrets.choice("abcdefghjkmnpqrstuvwxyz23456789") for _ in range(12))
 
 
-class DrivePage:
+class ControlPage:
     """Serves the page from its own thread; a context manager.
 
     One client drives at a time: the first that touches the stick, until it releases it or falls silent. Any
     may stop the robot. A stick held during a clear of a stop is ignored until it is released.
+
+    With `owned_s` one client owns the page, until it leaves or is silent for so long. Of others only a stop
+    counts.
 
     Beyond loopback, credentials for TLS and a token are required; None makes a token. Raises InputError for
     an address beyond loopback without credentials.
@@ -95,6 +111,7 @@ class DrivePage:
     def __init__(
         self,
         address: PageAddress,
+        html: bytes,
         source: VelocitySource,
         share: Share,
         ask: Callable[[str], None],
@@ -102,6 +119,7 @@ class DrivePage:
         credentials: Credentials | None = None,
         token: str | None = None,
         pictures: PictureRelay | None = None,
+        owned_s: float | None = None,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         address.check(secured=credentials is not None)
@@ -110,13 +128,13 @@ class DrivePage:
         self._source, self._share, self._ask, self._now_s = source, share, ask, now_s
         self.port = address.port
         self._names = {name.lower() for name in (*hosts_of_this_computer([]), "localhost", address.host)}
-        self._page = files("hexctl.teleop").joinpath("page.html").read_bytes()
-        self._pictures = pictures
-        if pictures is not None:
-            self._page = self._page.replace(b"<html ", b"<html data-view ", 1)
+        self._page = html if pictures is None else html.replace(b"<html ", b"<html data-view ", 1)
+        self._pictures, self._owned = pictures, owned_s is not None
+        self._keeps_s = COMMAND_EXPIRY_S if owned_s is None else owned_s
         self._status = "{}"
         self._driver: ServerConnection | None = None
-        self._driver_at_s, self._forgets = -math.inf, source.forgets
+        self._driver_at_s = -math.inf
+        self._forgets: int | None = None  # of the source when the stick was touched
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._begun = threading.Event()
         self._failed: Exception | None = None
@@ -198,8 +216,12 @@ class DrivePage:
 
     async def _send_reports(self, server: Server) -> None:
         while True:
-            # A client that does not read must not delay the others.
-            broadcast(_on(server, SOCKET_PATH), self._status)
+            owner, status, clients = self._owner(), self._status[:-1], _on(server, SOCKET_PATH)
+            for one in clients:
+                name = None if owner is None else "you" if one is owner else owner.address
+                comma = ", " if len(status) > 1 else ""
+                # A client that does not read must not delay the others.
+                broadcast([one], f'{status}{comma}"owner": {json.dumps(name)}}}')
             await asyncio.sleep(REPORT_S)
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
@@ -226,10 +248,13 @@ class DrivePage:
         """If there are too many clients, disconnect one, but never the one that drives."""
         others = [one for one in _on(newcomer.server, SOCKET_PATH) if not one.closed_for_new_client]
         if len(others) >= MOST_CLIENTS:
-            driver = self._driver if self._now_s() - self._driver_at_s <= COMMAND_EXPIRY_S else None
-            least_needed(
-                [one for one in others if one is not driver], newcomer.address
-            ).close_for_new_client()
+            owner = self._owner()
+            least_needed([one for one in others if one is not owner], newcomer.address).close_for_new_client()
+
+    def _owner(self) -> LimitedConnection | None:
+        """The client that the robot listens to now."""
+        silent = self._now_s() - self._driver_at_s > self._keeps_s
+        return None if silent else cast("LimitedConnection | None", self._driver)
 
     def _is_ours(self, host: str) -> bool:
         """Whether a Host header is a name or an address of this computer, which DNS rebinding is not."""
@@ -297,12 +322,17 @@ class DrivePage:
         try:
             said = json.loads(message)
             if "do" in said:
-                self._ask(str(said["do"]))
+                if not self._owned or self._drives(connection):
+                    self._ask(str(said["do"]))
             elif "release" in said:
-                self._let_go(connection)
+                self._release(connection)
+            elif "here" in said:
+                if self._owned:
+                    self._drives(connection)
             elif self._drives(connection):
                 shares = [float(value) for value in said["v"]]
                 allowed = len(shares) == 3 and all(-1 <= value <= 1 for value in shares)
+                self._forgets = self._source.forgets if self._forgets is None else self._forgets
                 if allowed and self._forgets == self._source.forgets:
                     self._source.command(self._share(*shares))
         except (ValueError, TypeError, KeyError, OverflowError, HexctlError, RecursionError):
@@ -311,12 +341,19 @@ class DrivePage:
     def _drives(self, connection: ServerConnection) -> bool:
         """Whether a client that touches the stick now drives."""
         now_s = self._now_s()
-        if self._driver is not connection and now_s - self._driver_at_s <= COMMAND_EXPIRY_S:
+        if self._owner() not in (None, connection):
             return False
         if self._driver is not connection:
-            self._forgets = self._source.forgets
+            self._forgets = None
         self._driver, self._driver_at_s = connection, now_s
         return True
+
+    def _release(self, connection: ServerConnection) -> None:
+        if not self._owned:
+            self._let_go(connection)
+        elif self._driver is connection:
+            self._forgets = None
+            self._source.release()
 
     def _let_go(self, connection: ServerConnection) -> None:
         if self._driver is connection:
