@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from hexctl.control.drive.drive import Drive
     from hexctl.control.guard import Guard
     from hexctl.control.log import Recorders
+    from hexctl.control.policy.policy import Policy
+    from hexctl.control.policy.policy_controller import PolicyController
     from hexctl.control.trial import run_trial
     from hexctl.control.trial_plan import TrialPlan
     from hexctl.control.trial_result import TrialResult
@@ -62,7 +64,7 @@ __all__ = [
     "JointTargets", "RobotState", "LegServos", "Guard", "SimServos",
     # trials, controllers and recorders
     "TrialPlan", "run_trial", "TrialResult", "SimTrial", "run_sim_trials", "Controller", "Recorders",
-    "Recording", "read_trial",
+    "Recording", "read_trial", "Policy", "PolicyController",
     # driving
     "Drive", "Velocity", "BodyPose",
     # search

@@ -125,6 +125,7 @@ EXTRAS = {
     "reportlab": "see",
     "trimesh": "browser",
     "viser": "browser",
+    "onnxruntime": "policy",
 }
 
 

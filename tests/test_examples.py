@@ -17,6 +17,7 @@ from typing import Any
 
 import pytest
 
+from hexctl.cli.main import exit_code
 from tests.identify.test_bench import TRUTH, bench_run, write_run
 
 pytestmark = pytest.mark.slow
@@ -34,6 +35,7 @@ PRINTED = {
     "gamepad.py": r"walked \d\.\d\d m forward",
     "identify_servos.py": r"stiffness_nm_per_rad: [\d.]+ N m/rad",
     "ros_velocity.py": r"",
+    "policy_of_gait.py": r"walk\.onnx and walk\.yaml: a tripod of ant",
 }
 
 
@@ -169,3 +171,10 @@ def test_a_notebook_is_kept_with_its_outputs(path: Path) -> None:
     kinds = {output["output_type"] for cell in cells for output in cell["outputs"]}
     assert "error" not in kinds
     assert path.stat().st_size < 300_000
+
+
+def test_a_distilled_gait_is_a_right_policy(printed: Printed) -> None:
+    pytest.importorskip("onnxruntime", reason="only with the extra `policy`")
+    pytest.importorskip("onnx", reason="the example needs it")
+    printed("policy_of_gait.py")
+    assert exit_code(["policy", "check", "walk.onnx"]) == 0

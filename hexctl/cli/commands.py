@@ -19,6 +19,7 @@ GROUPS: dict[str, dict[str, tuple[str | None, str]]] = {
         "adapt": ("walk", "Find a gait for a failed leg in few trials; each is kept and recorded."),
         "drive": ("walk", "Drive a robot by hand: keyboard, gamepad, or a page for a phone."),
         "play": ("walk", "Drive a simulated robot in the browser, and break its legs by a click."),
+        "policy": ("walk", "Show, check and describe a trained policy before it walks."),
         "view": (
             "results",
             "Open recordings or sessions in the Rerun viewer until it is closed, or watch a robot.",

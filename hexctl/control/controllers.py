@@ -1,11 +1,12 @@
 """Controllers: from step and state to joint targets, for one robot or a batch of robots."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hexctl.columns import Column
 from hexctl.errors import LimitError, ReachError
 from hexctl.gait.foot_trajectory import (
     RAMP_DURATION_S,
@@ -50,6 +51,8 @@ class Controller(ABC):
         limited_steps: steps so far in which the commanded speed exceeded the strokes, leading shape.
         leg_phases: normalised times of the legs in the last step, leading shape + (6,); None without a cycle.
         leg_suspicion: evidence against each leg, an alarm at 1, leading shape + (6,); None without a monitor.
+        own_columns: columns that it adds to logs and recordings, the same at all times.
+        own_values: their values in the last step, by name; those left out are unknown.
     """
 
     hold: str = "none"
@@ -57,6 +60,8 @@ class Controller(ABC):
     limited_steps: NDArray[np.int64] | int = 0
     leg_phases: FloatArray | None = None
     leg_suspicion: FloatArray | None = None
+    own_columns: tuple[Column, ...] = ()
+    own_values: Mapping[str, FloatArray] = {}
 
     @abstractmethod
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:

@@ -63,9 +63,12 @@ def made_controller(controller: CustomController, start: WalkStart) -> Controlle
 
 
 def controller_name(controller: object) -> str | None:
-    """Name of a custom controller's function or class, for results; None for the functions of hexctl."""
-    if controller is None:
-        return None
+    """Name of a custom controller's function or class, for results; None for the functions of hexctl.
+
+    An attribute `controller_name` is another name.
+    """
+    if controller is None or isinstance(name := getattr(controller, "controller_name", None), str):
+        return None if controller is None else name
     if isinstance(controller, partial):
         return controller_name(controller.func)
     if isinstance(controller, type) or not hasattr(controller, "__name__"):

@@ -9,7 +9,7 @@ import numpy as np
 
 from hexctl.backends.base import LegServos, failures_in_force
 from hexctl.backends.clock import Tick
-from hexctl.columns import COLUMN_NAMES, COLUMNS, SENSED
+from hexctl.columns import COLUMN_NAMES, COLUMNS, SENSED, Column
 from hexctl.control.controllers import Controller
 from hexctl.control.table import ServoRows, Table
 from hexctl.control.telemetry_watch import SeenWarnings
@@ -47,8 +47,8 @@ class LegChange:
 class TickLog:
     """Rows of all ticks of a trial so far; the last minutes are in memory.
 
-    `log[name]` is a column of `COLUMNS` for all T ticks, (T,) or (T, width); unknown values are NaN. Given to
-    `run_trial` as a recorder, a log is filled tick by tick.
+    `log[name]` is a column of `COLUMNS`, or one that the controller adds, for all T ticks: (T,) or
+    (T, width); unknown values are NaN. Given to `run_trial` as a recorder, a log is filled tick by tick.
 
     Attributes:
         phase: of the next ticks, one of `PHASES`.
@@ -57,6 +57,7 @@ class TickLog:
         walk_from: the first row of the walk, None before it.
         notes: rows and texts of events, such as new warnings of the robot.
         servo_rows: rows and reports of single servos, once a second.
+        own_columns: those that the controller of a walk adds, from the row `own_from` on.
     """
 
     def __init__(self) -> None:
@@ -72,15 +73,18 @@ class TickLog:
         self.servo_rows = ServoRows()
         self._failures_by: dict[str, tuple[Failure, ...]] = {}
         self._rows = Table(COLUMNS)
+        self.own_columns: tuple[Column, ...] = ()
+        self._own_rows, self.own_from = Table(()), 0
 
     def __len__(self) -> int:
         return len(self._rows)
 
     def __getitem__(self, name: str) -> Any:
         """All rows of a column; raises KeyError with the allowed names."""
-        if name not in COLUMN_NAMES:
-            raise KeyError(f"{name}; allowed: {', '.join(COLUMN_NAMES)}")
-        return self._rows.rows(name, 0, len(self))
+        names = (*COLUMN_NAMES, *(column.name for column in self.own_columns))
+        if name not in names:
+            raise KeyError(f"{name}; allowed: {', '.join(names)}")
+        return self.rows(name, 0, len(self))
 
     def __repr__(self) -> str:
         times_s = self["time_s"]
@@ -112,8 +116,12 @@ class TickLog:
         return pandas.DataFrame(frame_columns(values)).astype(truths)
 
     def rows(self, name: str, start: int, stop: int) -> Any:
-        """Rows [start, stop) of a column."""
-        return self._rows.rows(name, start, stop)
+        """Rows [start, stop) of a column; NaN in those of a controller's column before its first tick."""
+        if name in COLUMN_NAMES:
+            return self._rows.rows(name, start, stop)
+        own = self._own_rows.rows(name, max(0, start - self.own_from), max(0, stop - self.own_from))
+        before = np.full((min(stop, len(self)) - start - len(own), *own.shape[1:]), np.nan)
+        return np.concatenate([before, own])
 
     def record(self, tick: Tick, state: RobotState, requested_rad: FloatArray, sent: JointTargets) -> None:
         """Append one tick."""
@@ -138,9 +146,20 @@ class TickLog:
                 columns["velocity_body"][row] = velocity_body
             if (leg_suspicion := self.controller.leg_suspicion) is not None:
                 columns["leg_suspicion"][row] = leg_suspicion
+            if self.controller.own_columns or self.own_columns:
+                self._record_own(index, self.controller)
         if self.phase == "walk":
             self.walk_from = index if self.walk_from is None else self.walk_from
             self.walked_ticks += 1
+
+    def _record_own(self, index: int, controller: Controller) -> None:
+        if not self.own_columns:
+            self.own_columns, self.own_from = controller.own_columns, index
+            self._own_rows = Table(self.own_columns)
+        arrays, row, _ = self._own_rows.append()
+        if controller.own_columns == self.own_columns:
+            for name, values in controller.own_values.items():
+                arrays[name][row] = values
 
     def note(self, texts: Sequence[str]) -> None:
         """Note events of the next recorded tick."""

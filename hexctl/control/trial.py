@@ -1,7 +1,7 @@
 """One trial on any robot: settle, self-rotation, walk, stop; and its result."""
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from typing import Protocol, runtime_checkable
 
@@ -299,6 +299,14 @@ class _Trial(TickObserver):
 class _SoftStop(Controller):
     def __init__(self, walk: Controller, last_step: int) -> None:
         self._walk, self._last_step = walk, last_step
+        self.own_columns = walk.own_columns
+
+    @property
+    def own_values(self) -> Mapping[str, FloatArray]:  # type: ignore[override]  # of the walk
+        return self._walk.own_values
+
+    def news(self) -> Sequence[str]:
+        return self._walk.news()
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
         return self._walk.targets_rad(step, state)

@@ -57,6 +57,9 @@ def trial_columns(trial: RecordedTrial) -> dict[str, Any]:
     for reading in READINGS:
         if (samples := trial.servos.get(reading.name)) is not None:
             columns |= dict(zip(reading.fields, samples.at_every_tick(ticks).T, strict=True))
+    for name, samples in trial.policy.items():
+        fields = [f"policy_{name}_{part}" for part in trial.policy_names[name]]
+        columns |= dict(zip(fields, samples.at_every_tick(ticks).T, strict=True))
     texts = [""] * ticks
     for event in trial.events:
         texts[event.row] = "; ".join(filter(None, (texts[event.row], event.text)))

@@ -28,6 +28,9 @@ Rows = NDArray[np.int64]
 #: State of a leg: intact, considered failed only by the walk, failed, or missing.
 LEG_CONDITIONS = ("whole", "noticed", "failed", "missing")
 
+#: Entities of a policy, below `policy/`.
+POLICY_COLUMNS = ("observation", "action")
+
 #: A body without a known position is drawn at its start, less often than every tick.
 UNPOSED_GAP_NS = round(2.5 * PERIOD_S * 1e9)
 
@@ -76,6 +79,8 @@ class RecordedTrial(ArrayFields):
             `angular_velocity_body_rad_s` at every tick, `joint_torques_nm` and the commanded `velocity_body`
             at 10 Hz.
         servos: 18 wide, at 1 Hz, by attribute of `ServoReadings`.
+        policy: `observation` and `action` of a policy, raw, at the ticks in which it walked.
+        policy_names: names of their numbers.
         events: in order of time.
         floor_quaternion: (4,) as w, x, y, z.
         on_stand: whether a stand held the trunk.
@@ -97,6 +102,8 @@ class RecordedTrial(ArrayFields):
     leg_suspicion: Samples
     sensors: dict[str, Samples] = field(default_factory=dict)
     servos: dict[str, Samples] = field(default_factory=dict)
+    policy: dict[str, Samples] = field(default_factory=dict)
+    policy_names: dict[str, tuple[str, ...]] = field(default_factory=dict)
     events: tuple[RecordedEvent, ...] = ()
     floor_quaternion: FloatArray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
     on_stand: bool = False
@@ -142,6 +149,7 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
     columns = _Columns(path)
     times_ns, joints_rad = _joints(columns, path)
     title = columns.static("__properties", "RecordingInfo:name") or [""]
+    policy_names = {name: columns.names(f"policy/{name}") for name in POLICY_COLUMNS}
     position_m, quaternion = _pose(columns)
     return RecordedTrial(
         path=path,
@@ -159,6 +167,12 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
         leg_suspicion=_without_alarm(columns.samples(SUSPICION)),
         sensors=columns.known(SENSORS),
         servos=columns.known(SERVOS),
+        policy={
+            name: columns.samples(Series(f"policy/{name}", "", names, ()))
+            for name, names in policy_names.items()
+            if names
+        },
+        policy_names={name: names for name, names in policy_names.items() if names},
         events=tuple(_events(columns)),
         floor_quaternion=_floor_quaternion(columns),
         on_stand=bool(columns.properties("robot").get("on_stand")),
@@ -203,6 +217,11 @@ class _Columns:
         """Series with samples, by source."""
         found = {series.source: self.samples(series) for series in several}
         return {name: samples for name, samples in found.items() if samples.rows.size}
+
+    def names(self, entity: str) -> tuple[str, ...]:
+        """Names of the numbers of an entity, empty without it."""
+        found = self.static(entity, "SeriesLines:names")
+        return () if found is None else tuple(map(str, found))
 
     def of_ticks(self, times_ns: Rows) -> BoolArray:
         """Which times are those of ticks, and not of ticks that damage has taken."""

@@ -38,7 +38,8 @@ class Series(NamedTuple):
 _JOINT_COLORS = tuple(JOINT_COLORS[kind][1] for kind in JOINT_KINDS) * N_LEGS
 
 
-def _series(column: Column) -> Series:
+def series_of(column: Column) -> Series:
+    """Series of a column of the log."""
     entity, count = column.entity or column.name, len(column.parts)
     colors = tuple(islice(cycle(_JOINT_COLORS if count == N_JOINTS else LEG_COLORS), count))
     return Series(entity, column.title, column.parts, colors, column.bits, source=column.name)
@@ -83,8 +84,8 @@ OBSERVATION = _angles("observation/state", "measured_rad", 1, 1.2)
 VECTORS = (ACTION, OBSERVATION)
 
 #: Columns of the log that are stored as they are, and reports of single servos, at 1 Hz.
-SENSORS = tuple(map(_series, RECORDED))
-SERVOS = tuple(_series(column) for column in READINGS if column.entity is not None)
+SENSORS = tuple(map(series_of, RECORDED))
+SERVOS = tuple(series_of(column) for column in READINGS if column.entity is not None)
 
 #: Series of each walk, if known.
 WALK = (DEVIATION, MARGIN, SUSPICION, *SENSORS, *VECTORS)

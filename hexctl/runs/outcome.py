@@ -26,6 +26,8 @@ Attributes:
     world: the simulated world, or null
     seed: the seed
     recording: the file of the recording, or null
+    policy: `name`, `contract`: where it was read, `velocity_body`: commanded, `inferences`, `inference_us`:
+        their durations, `saturated`: share of them with an action at a limit, by joint; null without a policy
     options: the options that differ from their defaults
 """
 

@@ -41,6 +41,7 @@ from hexctl.robot.failure import FailureEvent, check_events
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
 from hexctl.runs.outcome import events_seen, failure_values, gait_values, tick_values, world_text
+from hexctl.runs.policy_run import PolicyRun
 from hexctl.runs.run_spec import RunSpec, spec_of
 from hexctl.runs.walk_plan import plan_walk
 from hexctl.waiting import StopRequested, comes_true, never_stop
@@ -94,14 +95,18 @@ class Run:
         """Check a spec; raises InputError, or ReachError or LimitError for an infeasible walk."""
         spec.check()
         check_controller(controller)
-        self.spec, self._controller = spec, controller
+        self.spec = spec
         self._file: RobotFile | None = None
         if isinstance(spec.robot, Robot):
             self.robot = spec.robot
         else:
             self._file = load_robot_file(spec.robot)
             self.robot = self._file.robot
-        self.plan = plan_walk(spec, self.robot)
+        self._policy = PolicyRun.of(spec, self.robot)
+        if self._policy is not None and controller is not None:
+            raise InputError(f"{argument('policy')}: got a controller too; allowed: one or the other")
+        self._controller = controller or self._policy
+        self.plan = plan_walk(spec, self.robot) if self._policy is None else self._policy.plan(spec)
         self._meshes = self._file.meshes if self._file is not None and spec.records else {}
         check_plan(self.robot, self.plan)
         world = DEFAULT_WORLD if spec.world is None else spec.world
@@ -339,6 +344,7 @@ class Run:
             "world": world_text(self.spec),
             "seed": self.spec.seed,
             "recording": None if self._recording is None else str(self._recording.path),
+            "policy": None if self._policy is None else self._policy.values(),
             "options": chosen_options(self.spec),
         }
 

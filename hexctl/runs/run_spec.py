@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar
 from hexctl.backends.registry import check_options, option_values
 from hexctl.backends.robot_options import FAILURE, RecordedOptions
 from hexctl.control.monitor.recovery import MOST_RECOVERED, Recovery, default_recovery, make_recovery
+from hexctl.control.policy.policy import Policy
 from hexctl.control.trial_plan import (
     AUTO_ROTATION,
     DURATION_S,
@@ -32,7 +33,7 @@ from hexctl.gait.gait import (
     names_best,
 )
 from hexctl.gait.posture import POSTURE
-from hexctl.options import RARE, UNTYPED, Typed, check_fields
+from hexctl.options import RARE, UNTYPED, Range, Typed, check_fields, check_used
 from hexctl.recording.rrd import probe_file
 from hexctl.robot.failure import Failure, FailureEvent
 from hexctl.robot.failure_grammar import (
@@ -40,6 +41,30 @@ from hexctl.robot.failure_grammar import (
     parse_legs,
     read_failures,
     read_healings,
+)
+
+#: Forward speed of a walk by a policy.
+SPEED_M_S = Range(low=0, high=5, unit="m/s")
+
+#: Options of gaits, which a policy does not have, by field.
+OF_GAITS = (
+    "gait",
+    "pace_hz",
+    "amplitude",
+    "height",
+    "body_raise",
+    "stance_shift",
+    "tucked_legs",
+    "swing_share",
+    "fast",
+    "then",
+    "recovery",
+    "self_rotation",
+    "hold",
+    "trim_rad",
+    "turn_trim_rad_s",
+    "level",
+    "feet",
 )
 
 #: Options that cannot be combined with `fast`.
@@ -144,6 +169,18 @@ class RunSpec(RecordedOptions, WalkOptions, GroundOptions):
     In Python in rad/s.
     """
 
+    policy: Annotated[str | Path | Policy | None, Typed(words="")] = None
+    """Walk by a trained policy instead of a gait: an ONNX file with a contract, as hexctl policy show
+    prints. (default: none)
+
+    In Python also a Policy.
+    """
+
+    speed_m_s: Annotated[float | None, SPEED_M_S, Typed(flag="speed"), RARE] = None
+    """With --policy, commanded speed in metres per second, {}, in the direction of --heading. (default: half
+    of the maximum that the policy was trained with)
+    """
+
     def __post_init__(self) -> None:
         legs = None if self.failed_leg == AUTO_LEG else self.failed_leg
         failures, events = read_failures(self.failure, legs)
@@ -213,6 +250,7 @@ class RunSpec(RecordedOptions, WalkOptions, GroundOptions):
             check_options(self.backend, names={"events": _option_of(event)}, events=str(event))
         names = ("pace_hz", "amplitude", "height", "body_raise", "stance_shift", "swing_share")
         steps = {name: getattr(self, name) for name in names} | {"tucked_legs": self.tucked_legs or None}
+        self._check_policy()
         self._check_fast()
         steps["fast"] = self.fast or None
         for name, value in steps.items() if isinstance(self.gait, Gait) else ():
@@ -275,6 +313,18 @@ class RunSpec(RecordedOptions, WalkOptions, GroundOptions):
             raise UnusedError(
                 f"{argument('hold')}: got {self.hold} with {argument('turn_rate_rad_s')}; allowed: in a "
                 "straight walk; with a turn auto or none"
+            )
+
+    def _check_policy(self) -> None:
+        """Raise UnusedError for options of gaits with a policy, and for a speed without one."""
+        if self.policy is not None:
+            check_used(self, OF_GAITS, f"without {argument('policy')}, which walks without a gait")
+            if self.failed_leg == AUTO_LEG:
+                raise UnusedError(f"{argument('failed_leg')}: got {AUTO_LEG}; allowed: 1..6 with a policy")
+        elif self.speed_m_s is not None:
+            raise UnusedError(
+                f"{argument('speed_m_s')} requires {argument('policy')}; allowed: {argument('pace_hz')} or "
+                f"{argument('amplitude')} with a gait"
             )
 
     def _check_fast(self) -> None:

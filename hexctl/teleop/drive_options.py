@@ -9,7 +9,7 @@ from hexctl.control.trial_plan import GroundOptions
 from hexctl.errors import InputError, argument
 from hexctl.gait.gait import CHOSEN_GAITS, DEFAULT_GAIT, gait_text
 from hexctl.gait.posture import POSTURE
-from hexctl.options import RARE, Panel, Typed, check_fields
+from hexctl.options import RARE, Panel, Typed, check_fields, check_used
 from hexctl.teleop.page_options import PageOptions
 
 DriveHold = Literal["auto", "none"]
@@ -44,6 +44,11 @@ class DriveOptions(PageOptions, RobotOptions, GroundOptions):
     as 5,1,2,4,3,6.
     """
 
+    policy: Annotated[Path | None, WALK] = None
+    """Walk by a trained policy instead of a gait, within the velocities of its contract: an ONNX file.
+    (default: none)
+    """
+
     body_raise: Annotated[float, POSTURE, WALK, RARE] = 0.0
     """How much higher the body stands, as a fraction of the robot's size, {}."""
 
@@ -72,6 +77,9 @@ class DriveOptions(PageOptions, RobotOptions, GroundOptions):
         self.check_page()
         if self.page is None and self.page_view is not None:
             raise InputError(f"{argument('page_view')}: used without --page; allowed: with --page HOST:PORT")
+        if self.policy is not None:
+            names = ("gait", "body_raise", "level", "feet", "hold", "recovery")
+            check_used(self, names, f"without {argument('policy')}, which walks without a gait")
         self._check_devices()
 
     def _check_devices(self) -> None:

@@ -23,6 +23,9 @@ USUAL_SHARE, MISSED_M = 0.9, 0.05
 #: Misses of a self-rotation up to this are usual.
 NOTED_MISS_DEG = 2.0
 
+#: Share of inferences with an action at a limit that is printed.
+SATURATED_SHARE = 0.2
+
 #: Lengths below this are printed in cm.
 ONE_M = 1.0
 
@@ -37,9 +40,13 @@ def summary(outcome: dict[str, Any], clear: str | None = CLEAR_COMMAND) -> list[
     failed += "".join(f", leg {leg} {how}" for leg, how in outcome.get("further_failures", {}).items())
     rows = [
         *_sensor_rows(outcome),
-        ("gait", _gait_text(outcome["gait"])),
+        *(
+            _policy_rows(outcome["policy"])
+            if outcome.get("policy")
+            else [("gait", _gait_text(outcome["gait"]))]
+        ),
         *([("task", task)] if (task := outcome.get("task")) not in (None, PLAIN_TASK) else []),
-        *_posture_rows(outcome["gait"]),
+        *(_posture_rows(outcome["gait"]) if outcome["gait"] else []),
         *_distance_rows(outcome),
         *_failure_rows(outcome),
         *([("warnings", "; ".join(outcome["warnings"]))] if outcome["warnings"] else []),
@@ -61,6 +68,24 @@ def _sensor_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     own = outcome.get("sensors", SENSORS)
     echoed = "" if "joint_positions" in own else "; joint angles are those commanded"
     return [("measures", f"{in_words(own)}{echoed}")] if len(own) < len(SENSORS) else []
+
+
+def _policy_rows(policy: dict[str, Any]) -> list[tuple[str, str]]:
+    forward, left, turn = policy["velocity_body"]
+    parts = [
+        f"{forward:g} m/s forward",
+        *([f"{left:g} m/s left"] if left else []),
+        *([f"turn {math.degrees(turn):.3g} degrees/s"] if turn else []),
+    ]
+    rows = [("policy", f"{policy['name']}, {', '.join(parts)}")]
+    if policy["inferences"]:
+        p50, p99, most = (policy["inference_us"][name] / 1000 for name in ("p50", "p99", "max"))
+        rows += [("inference", f"{p50:.2g} ms median, {p99:.2g} ms 99th percentile, {most:.2g} ms maximum")]
+    if often := [joint for joint, share in policy["saturated"].items() if share > SATURATED_SHARE]:
+        rows += [
+            ("limits", f"actions of {', '.join(often[:4])} are often at a limit; hexctl policy check FILE")
+        ]
+    return rows
 
 
 def _next_command(outcome: dict[str, Any], clear: str | None) -> list[str]:

@@ -76,6 +76,7 @@ def drive(
             hold=options.hold,
             level=options.level,
             feet=options.feet,
+            policy=options.policy,
             failure=(*failures, *events),
             recorders=recorders,
             **where,

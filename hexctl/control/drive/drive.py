@@ -20,6 +20,8 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import Recorders
 from hexctl.control.loop import TickObserver, run_step
 from hexctl.control.monitor.recovery import Recovery, default_recovery, make_recovery
+from hexctl.control.policy.policy import Policy
+from hexctl.control.policy.policy_motion import SLOW_S, PolicyMotion
 from hexctl.control.sit_down import sit_down
 from hexctl.control.trace import TrialFrame
 from hexctl.control.trial_plan import FEET, Feet
@@ -65,6 +67,7 @@ class Drive:
         level: keep the body level by its measured roll and pitch.
         feet: `planned`, or `adaptive` for uneven ground: feet lift higher and, with foot contacts, search the
             ground below.
+        policy: walks in place of the gait, within the ranges of its command; a Policy, or its file.
         failure: of legs, as in `RunSpec`; a simulation breaks them.
         failures_known: False if the walk has to detect simulated failures.
         recorders: take every tick, as in `run_trial`.
@@ -85,6 +88,7 @@ class Drive:
         hold: str = "auto",
         level: bool = False,
         feet: Feet = "planned",
+        policy: Policy | str | Path | None = None,
         failure: AskedFailures = (),
         failures_known: bool = True,
         arbiter: Arbiter | None = None,
@@ -116,6 +120,10 @@ class Drive:
         self._gait = self._gait_of(gait)
         if body_raise is not None:
             self._gait = replace(self._gait, posture=replace(self._gait.posture, body_raise=body_raise))
+        self._policy = Policy.load(policy) if isinstance(policy, str | Path) else policy
+        check_type(self._policy, (Policy, NoneType), "policy", "a Policy, the path of an ONNX file, or None")
+        if self._policy is not None:
+            PolicyMotion(self.robot, self._policy, self._guard.clock.period_s)  # refuses what is not measured
         self._recorders: Recorders | None = None
         self._observers: list[TickObserver] = []
         self.record(recorders)
@@ -383,6 +391,8 @@ class Drive:
             level=self._level,
             failures=self._known,
             feet=self._feet,
+            policy=self._policy,
+            limit_s=SLOW_S if self._guard.clock.waits else None,
         )
         if self._recorders is not None:
             self._recorders.log.controller = self._controller

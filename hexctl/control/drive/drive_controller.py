@@ -1,11 +1,12 @@
 """The controller behind `Drive`: standing up, driving and sitting down."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hexctl.columns import Column
 from hexctl.control.controllers import SITTING_S, Controller, Stand, sitting_angles_rad
 from hexctl.control.drive.arbiter import Arbiter, Decision
 from hexctl.control.drive.drive_walk import DriveWalk
@@ -13,6 +14,8 @@ from hexctl.control.drive.velocity_hold import VelocityHold
 from hexctl.control.monitor.monitored_walk import MonitoredWalk
 from hexctl.control.monitor.recovery import Recovery
 from hexctl.control.planning.speed_envelope import VelocityLimits
+from hexctl.control.policy.policy import Policy
+from hexctl.control.policy.policy_controller import PolicyWalk
 from hexctl.control.preparation import WalkStart
 from hexctl.control.telemetry_watch import Temperatures, pace
 from hexctl.control.trial_plan import Feet, TrialPlan
@@ -52,11 +55,20 @@ class DriveController(Controller):
         level: bool = False,
         failures: Sequence[Failure] = (),
         feet: Feet = "planned",
+        policy: Policy | None = None,
+        limit_s: float | None = None,
     ) -> None:
+        """Stand up from joint angles.
+
+        Args:
+            policy: walks in place of the gait, within the ranges of its command.
+            limit_s: longest inference of the policy; two longer ones in a row stop it.
+        """
+        self._policy, self._inference_limit_s = policy, limit_s
         self._robot, self._gait, self._period_s = robot, gait, period_s
         self._arbiter, self._recovery = arbiter, recovery
         self._known, self._feet = tuple(failures), feet
-        self._hold = VelocityHold() if hold else None
+        self._hold = VelocityHold() if hold and policy is None else None
         self._level = level
         self._asked_pose: BodyPose | None = None
         self._asked: FloatArray = np.zeros(3)
@@ -90,6 +102,9 @@ class DriveController(Controller):
     @property
     def most(self) -> tuple[float, float, float]:
         """Maximum speeds forward and left in m/s and turn in rad/s, each by itself, on the intact legs."""
+        if self._policy is not None:
+            forward, left, turn = self._ranges.max(axis=1).tolist()
+            return forward, left, turn
         rows = [one.leg for one in self.known_failures()] or [0]
         speeds = self._limits.speeds_m_s[rows].min(axis=0)
         turn_rad_s = float(self._limits.turn_rates_rad_s[rows].min())
@@ -144,7 +159,7 @@ class DriveController(Controller):
 
     def news(self) -> Sequence[str]:
         """Events since the last call."""
-        news, self._news = (*self._news, *self._monitored.news()), ()
+        news, self._news = (*self._news, *self._monitored.news(), *self.walk.news()), ()
         return news
 
     def change_gait(self, gait: Gait) -> None:
@@ -241,6 +256,9 @@ class DriveController(Controller):
     def _desired(self) -> FloatArray:
         if self._sit_asked or self.decision.stopped is not None:
             return np.zeros(3)
+        if self._policy is not None:
+            asked = self.decision.velocity.array
+            return np.minimum(np.maximum(self._pace * asked, self._ranges[:, 0]), self._ranges[:, 1])
         legs = [one.leg for one in self.known_failures()]
         share = self.walk.poser.stroke_share
         return self._pace * share * self._limits.limited(self.decision.velocity.array / share, legs)
@@ -271,10 +289,31 @@ class DriveController(Controller):
         plain = replace(gait, posture=STANCE)
         plan = TrialPlan(gait=plain, failures=self._known, level=self._level, feet=self._feet)
         start = WalkStart(robot=self._robot, plans=(plan,), period_s=self._period_s)
-        self.walk = DriveWalk(start, lambda: self._asked)
+        self.walk = self._made_walk(start)
         self._monitored = MonitoredWalk(start, self.walk, self._recovery)
         if gait != plain:
             self.walk.change_gait(gait)
+
+    def _made_walk(self, start: WalkStart) -> DriveWalk:
+        if self._policy is None:
+            return DriveWalk(start, lambda: self._asked)
+        return PolicyWalk(start, lambda: self._asked, self._policy, limit_s=self._inference_limit_s)
+
+    @property
+    def _ranges(self) -> FloatArray:
+        """Ranges of the policy's command, (3, 2); one without a command goes ahead at any speed."""
+        ranges = None if self._policy is None else self._policy.contract.command_ranges
+        return np.array([[0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]) if ranges is None else ranges
+
+    @property
+    def own_columns(self) -> tuple[Column, ...]:  # type: ignore[override]  # of the policy
+        """Columns of the policy's observation and actions."""
+        return self.walk.own_columns
+
+    @property
+    def own_values(self) -> Mapping[str, FloatArray]:  # type: ignore[override]  # of the policy
+        """Observation and actions of the last step."""
+        return self.walk.own_values if self.mode == "driving" else {}
 
     def _suited(self, gait: Gait) -> Gait:
         """The recovery's gait for the legs without a known failure."""

@@ -156,8 +156,8 @@ class MonitoredWalk(Controller):
         return np.asarray(by_recovery | self.walk.done(step, state))
 
     def why_stopped(self, index: int = 0) -> str | None:
-        """The failure for which the recovery has stopped a walk, or None."""
-        return self._stopped.get(index)
+        """The failure for which the recovery has stopped a walk, or why it ended by itself; else None."""
+        return self._stopped.get(index, self.walk.why_stopped(index))
 
     def walk_on(self) -> None:
         """Continue although the recovery has stopped walks; failed legs stay known."""

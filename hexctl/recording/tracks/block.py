@@ -127,6 +127,10 @@ class Block:
         scalars = self._rr.Scalars.columns(scalars=rounded(values, series.bits).ravel())
         self._send(series.path, times, scalars.partition(np.full(len(values), len(series.names))))
 
+    def send_names(self, path: str, names: Sequence[str]) -> None:
+        """Name the numbers of an entity; a reader finds there how many they are."""
+        self._stream.log(path, self._rr.SeriesLines(names=list(names)), static=True)
+
     def send_states(self, path: str, led: NDArray[np.int64], names: Sequence[str]) -> None:
         """Send changes of a state, given as indices of names that are preceded by one row."""
         rows = self.changes(led)

@@ -8,7 +8,7 @@ import numpy as np
 from hexctl.columns import FINE_BITS, RECORDED, Column
 from hexctl.recording import paths
 from hexctl.recording.rrd import load_rerun
-from hexctl.recording.series import ORIENTATION, SENSORS, SERVOS, VECTORS, Series, rounded
+from hexctl.recording.series import ORIENTATION, SENSORS, SERVOS, VECTORS, Series, rounded, series_of
 from hexctl.recording.tracks.balance import Tally, send_balance
 from hexctl.recording.tracks.block import DRAWN_BITS, DRAWN_TICKS, Block, Rows, turn_column
 from hexctl.recording.tracks.course import send_course, send_deviation, send_ribbon, send_trail, send_velocity
@@ -91,6 +91,14 @@ def _send_column(column: Column, series: Series, block: Block) -> None:
     block.plot(series, rows, block.column(column.name)[rows])
 
 
+def _send_own(block: Block) -> None:
+    """Send the columns that a controller adds, each with the names of its numbers."""
+    for column in block.log.own_columns:
+        if block.start <= block.log.own_from < block.stop:
+            block.send_names(column.entity or column.name, column.parts)
+        _send_column(column, series_of(column), block)
+
+
 def _send_servos(block: Block) -> None:
     """Send the reports of servos, if any."""
     readings = block.log.servo_rows.between(block.start, block.stop)
@@ -117,5 +125,6 @@ PARTS: tuple[Callable[[Block], None], ...] = (
     send_suspicion,
     send_lanes,
     _send_servos,
+    _send_own,
     _send_vectors,  # last, because a reader takes the ticks from it: they have all else
 )
