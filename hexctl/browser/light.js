@@ -1,3 +1,5 @@
+// viser warns of WebGL without a graphics card in a box over our texts.
+document.head.insertAdjacentHTML("beforeend", "<style>.mantine-Notifications-root { display: none; }</style>");
 // Before viser starts: without a graphics card, draw fewer pixels and none of them several times.
 (() => {
   const probe = document.createElement("canvas").getContext("webgl2");

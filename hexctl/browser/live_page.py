@@ -169,8 +169,15 @@ def joint_table(state: RobotState) -> str:
     known = {name: values for name, values in columns.items() if np.isfinite(values).any()}
     rows = [
         [f"{joint // JOINTS_PER_LEG + 1} {JOINT_KINDS[joint % JOINTS_PER_LEG]}"]
-        + ["" if not math.isfinite(values[joint]) else f"{values[joint]:.1f}" for values in known.values()]
+        + [
+            _shown(float(values[joint]), 1 if "°" in name or "%" in name else 2)
+            for name, values in known.items()
+        ]
         for joint in range(N_JOINTS)
     ]
     lines = [["leg", *known], ["---"] * (1 + len(known)), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _shown(value: float, places: int) -> str:
+    return f"{round(value, places) + 0.0:.{places}f}" if math.isfinite(value) else ""

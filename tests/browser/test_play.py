@@ -1,14 +1,20 @@
 """`hexctl play` in a real browser: a leg broken by a click, keys, stop, several pages, a phone."""
 
+import signal
 import threading
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import viser
 from playwright.sync_api import Browser, Page
+from websockets.exceptions import WebSocketException
+from websockets.sync.client import connect
+from websockets.typing import Origin, Subprotocol
 
 from hexctl.browser.play import Play
 from hexctl.browser.play_options import PlayOptions
@@ -19,7 +25,7 @@ from hexctl.recording.recorded_trial import read_trial
 from hexctl.robot.failure import Failure
 from hexctl.robot.rotations import matrix_of
 from hexctl.waiting import comes_true
-from tests.browser.chromium import browser_or_skip
+from tests.server.processes import program
 
 pytestmark = pytest.mark.realtime
 
@@ -61,14 +67,8 @@ def until(condition: Any) -> None:
     assert comes_true(condition, PATIENCE_S)
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with browser_or_skip() as running:
-        yield running
-
-
 def opened(browser: Browser, play: Play, width: int = 1200, height: int = 800, **more: Any) -> Page:
-    page = browser.new_page(viewport={"width": width, "height": height}, **more)
+    page = browser.new_context(viewport={"width": width, "height": height}, **more).new_page()
     page.set_default_timeout(1000 * PATIENCE_S)
     page.goto(play.url)
     page.wait_for_function("window.hexctl && window.hexctl.mode === 'driving'")
@@ -266,3 +266,58 @@ def test_bad_options_are_refused(tmp_path: Path) -> None:
         PlayOptions(page_port=70_000)
     with playing(tmp_path) as play, pytest.raises(RobotFaultError, match="page"):
         Play(PlayOptions(page_port=play._server.port))
+
+
+def test_ten_pages_a_flood_and_a_hidden_tab_leave_the_robot_its_ticks(
+    tmp_path: Path, browser: Browser
+) -> None:
+    with playing(tmp_path) as play:
+        page = opened(browser, play)
+        own = Origin(play.url.rstrip("/"))
+        viser_version = Subprotocol(f"viser-v{viser.__version__}")
+        address = play.url.replace("http", "ws")
+        with ExitStack() as stack:
+            for _ in range(9):
+                watcher = connect(address, origin=own, subprotocols=[viser_version], proxy=None)
+                reader = threading.Thread(target=lambda one: list(one), args=(watcher,), daemon=True)
+                stack.callback(watcher.close)
+                reader.start()
+            flooding = connect(address + "hexctl", origin=own, proxy=None)
+            stack.callback(flooding.close_socket)
+            flooding.socket.settimeout(0.1)
+            with suppress(OSError, WebSocketException):
+                for _ in range(5000):
+                    flooding.send('{"v": [9, 9, "junk"]}')
+            # Another tab in front: this one's timers and pictures rest.
+            front = page.context.new_page()
+            front.bring_to_front()
+            ticks, at_s = play._session.drive.guard.clock.index, time.monotonic()  # type: ignore[union-attr]
+            page.keyboard.down("ArrowUp")
+            time.sleep(3.0)
+            clock = play._session.drive.guard.clock  # type: ignore[union-attr]
+            passed = (clock.index - ticks) * clock.period_s / (time.monotonic() - at_s)
+            # Either it keeps 50 Hz, or it says how many ticks were late.
+            assert passed > 0.97 or status(page)["late"] > 0
+            page.bring_to_front()
+            page.click("#hx-stop")
+            until(lambda: played(play).drive.stopped == "stop button")
+        page.close()
+
+
+def test_ctrl_c_ends_it_with_a_complete_recording(tmp_path: Path, browser: Browser) -> None:
+    with program(tmp_path, "play", "hexctl", "play", "--page-port", "0", "--no-open-browser") as running:
+        running.wait_for("Ctrl-C ends it")
+        url = next(word for word in running.said().split() if word.startswith("http://127.0.0.1"))
+        page = browser.new_page()
+        page.set_default_timeout(1000 * PATIENCE_S)
+        page.goto(url)
+        page.click("button:has-text('Record')")
+        page.wait_for_selector("text=recording to")
+        page.wait_for_timeout(1500)
+        running.signal(signal.SIGINT)
+        assert running.wait() == 130
+        page.wait_for_function("document.getElementById('hx-what').textContent === 'not connected'")
+        page.close()
+    (path,) = tmp_path.glob("**/play-*.rrd")
+    assert len(read_trial(path).time_s) > 50
+    assert "Traceback" not in running.said()

@@ -1,8 +1,7 @@
-"""Chromium for tests of pages; they are skipped without it, and fail with HEXCTL_REQUIRE_ALL."""
+"""One Chromium for all tests of pages; they are skipped without it, and fail with HEXCTL_REQUIRE_ALL."""
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
 
 import pytest
 from playwright.sync_api import Browser
@@ -11,8 +10,8 @@ from pictures.chromium import chromium
 from pictures.needed import MissingProgramError
 
 
-@contextmanager
-def browser_or_skip() -> Iterator[Browser]:
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
     """A browser of the system."""
     try:
         with chromium() as running:
