@@ -125,7 +125,8 @@ def assign_servos(
 ) -> None:
     """Wiggle the servos with some ids one after the other, and ask which joint each moves.
 
-    Known servos, and those that cannot be moved, are left out; with `consent` they move without asking.
+    Known servos, and those that cannot be moved, are left out; with `consent` they move without asking. A
+    stop ends a movement immediately.
     Raises RobotFaultError for a port that cannot be opened, or is lost.
     """
     left = [servo_id for servo_id in ids if servo_id not in known.ids.values()]
@@ -142,7 +143,7 @@ def assign_servos(
                     continue
                 joint = None
                 while joint is None:
-                    wiggle(servo)
+                    wiggle(servo, stop_requested=stop_requested)
                     joint = _joint(known, operator, what, stop_requested)
                 if joint:
                     known.know(joint, found)

@@ -3,7 +3,7 @@
 Each begins limp, gets its own position as its goal, and then holds; it ends with its torque as it was.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from hexctl.backends.bus.servo import Servo
 from hexctl.backends.clock import Clock, WallClock
+from hexctl.control.calibration.operator import EndedError
 from hexctl.errors import RobotFaultError
 
 #: Movement that shows which servo it is, and movement of a test.
@@ -100,10 +101,15 @@ def _within_limits(servo: Servo, here: float) -> float:
     return start
 
 
-def wiggle(servo: Servo, *, clock: Clock | None = None) -> float:
-    """Move a servo to one side and back; the movement in degrees. Raises RobotFaultError."""
+def wiggle(
+    servo: Servo, *, stop_requested: Callable[[], bool] = lambda: False, clock: Clock | None = None
+) -> float:
+    """Move a servo to one side and back; the movement in degrees. Raises RobotFaultError.
+
+    A stop ends the movement in the control period in which it is requested, and raises EndedError.
+    """
     with softly_powered(servo) as start:
-        sweep = _Sweep(servo, clock or WallClock())
+        sweep = _Sweep(servo, clock or WallClock(), stop_requested)
         end = _ends(servo, start, WIGGLE_DEG)[0]
         sweep.move(start, end, WIGGLE_DEG_S)
         sweep.settle(end)
@@ -164,6 +170,7 @@ class _Sweep:
 
     servo: Servo
     clock: Clock
+    stop_requested: Callable[[], bool] = lambda: False
     voltages: list[float] = field(default_factory=list)
     efforts: list[float] = field(default_factory=list)
     speed: float = 0.0
@@ -176,6 +183,7 @@ class _Sweep:
         seen: list[tuple[float, float, float]] = []  # time, position, goal
         share, step = 0.0, 0
         while share < 1.0:
+            self._check_stop()
             share = min(1.0, (self.clock.now_s - began_s) / duration_s)
             goal = begin + share * (end - begin)
             if said := self.servo.go(goal):
@@ -196,6 +204,7 @@ class _Sweep:
         near, position = 0.25 * self.servo.type.counts_per_deg, None
         until_s = self.clock.now_s + SETTLES_S
         while self.clock.now_s < until_s:
+            self._check_stop()
             self.clock.tick()
             read = self.servo.position()
             position = position if read is None else read
@@ -206,6 +215,13 @@ class _Sweep:
                 f"the servo with id {self.servo.servo_id} does not say where it is any more"
             )
         return position
+
+    def _check_stop(self) -> None:
+        """End the movement where the servo is, if a stop is requested."""
+        if self.stop_requested():
+            if (position := self.servo.position()) is not None:
+                self.servo.go(position)
+            raise EndedError
 
     def _look(self, step: int) -> float | None:
         """Position of the servo; every `LOOK_EVERY` steps also its voltage and load."""

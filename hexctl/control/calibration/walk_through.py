@@ -30,8 +30,8 @@ def walk_through(
 ) -> dict[int, int]:
     """Move the femur of one leg after another, and ask which leg moved; the seen legs by that of the file.
 
-    The port is closed between questions. With `consent` legs move without a question before. A stop, or the
-    end of the answers, ends it after the movement of one leg, with all servos limp as before.
+    The port is closed between questions. With `consent` legs move without a question before. A stop ends a
+    movement immediately. All servos end limp as before, or hold where the movement ended.
 
     Raises RobotFaultError for a port that cannot be opened, and for a servo that does not answer or move.
     """
@@ -46,7 +46,7 @@ def walk_through(
             while not said:
                 if stop_requested():
                     return seen
-                _move(servos, path, baud, leg)
+                _move(servos, path, baud, leg, stop_requested)
                 said = _seen_leg(operator, what, stop_requested)
             seen[leg] = int(said)
     except EndedError:
@@ -54,9 +54,10 @@ def walk_through(
     return seen
 
 
-def _move(servos: BusMap, path: str, baud: int, leg: int) -> None:
+def _move(servos: BusMap, path: str, baud: int, leg: int, stop_requested: Callable[[], bool]) -> None:
+    servo_id = int(servos.ids[JOINTS_PER_LEG * (leg - 1) + FEMUR])
     with opened_line(path, baud, servos.family) as line:
-        wiggle(the_servo(line, servos.family.name, int(servos.ids[JOINTS_PER_LEG * (leg - 1) + FEMUR])))
+        wiggle(the_servo(line, servos.family.name, servo_id), stop_requested=stop_requested)
 
 
 def _wait_for_enter(operator: Operator, what: str, stop_requested: Callable[[], bool]) -> None:

@@ -11,20 +11,22 @@ import yaml
 
 from hexctl import InputError, JointTargets, RobotFaultError
 from hexctl.backends.bus.bus_map import BusMap, bus_map_of
-from hexctl.backends.bus.tools import the_servo
+from hexctl.backends.bus.tools import opened_line, the_servo
 from hexctl.backends.clock import WallClock
 from hexctl.backends.mock import MockServos
 from hexctl.control.calibration.operator import EndedError
 from hexctl.control.calibration.servo_assignment import ServoAssignment, assign_servos
 from hexctl.control.calibration.servo_trial import TEST_DEG, ServoTrial, softly_powered, try_servo, wiggle
 from hexctl.control.calibration.walk_through import exchanged_legs, walk_through
+from hexctl.robot.servos.drivers import FAMILIES as DRIVERS
 from hexctl.robot.servos.servo_schema import ServosSection
 from hexctl.simulators.register_servos import BusServo
 from hexctl.types import JOINT_NAMES
 from tests.backends.bus.boards import MODELS, BoardLine, MemoryBus, a_map, memory_bus, stance_counts
 
-#: The joint that is tried, and its id.
+#: The joint that is tried, and its id; the servo of the first leg that a walk-through moves.
 JOINT, ID = 7, 8
+FEMUR_ID = 2
 
 
 FAMILIES = (*MODELS, ("lx16a", "lx16a"))
@@ -236,6 +238,43 @@ def test_a_walk_through_sees_each_leg_and_names_exchanged_ones() -> None:
         assert walk_through(true, bus.path, 1_000_000, LegWatcher(moved), stop_requested=lambda: True) == {}
         assert not any(servo.holds for servo in bus.board._servos)
         assert max(np.abs(moved.away_deg()).max(), 0) < 6  # no further than a wiggle
+
+
+@pytest.mark.parametrize("holds", [False, True])
+@pytest.mark.parametrize("command", ["walk-through", "identify"])
+@pytest.mark.parametrize(("driver", "model"), [*FAMILIES, ("hiwonder", "hts35h")])
+def test_a_stop_ends_a_movement_where_the_joint_is(
+    driver: str, model: str, command: str, holds: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the middle of it: the joint stays there, and is limp or holds as before."""
+    monkeypatch.setitem(DRIVERS, "hiwonder", "hexctl_hiwonder.family:HIWONDER")
+    true = a_map(driver, model)
+    with seen_bus(true) as (bus, moved):
+        if holds:
+            with opened_line(bus.path, true.family.bauds[0], true.family) as line:
+                assert the_servo(line, driver, FEMUR_ID).set_torque(on=True)
+        moved.seen.clear()
+
+        def stop() -> bool:
+            return bool(np.abs(moved.away_deg()).max() > 2)
+
+        operator = (Watcher if command == "identify" else LegWatcher)(moved)
+        if command == "identify":
+            known = ServoAssignment(driver=driver, port=bus.path, baud=true.family.bauds[0])
+            assign_servos(known, [FEMUR_ID, 5], operator, consent=True, stop_requested=stop)
+            assert known.ids == {}
+        else:
+            seen = walk_through(
+                true, bus.path, true.family.bauds[0], operator, consent=True, stop_requested=stop
+            )
+            assert seen == {}
+        bus.time.sleep(1.0)
+        bus.speak(b"")
+        away_deg = np.abs(moved.away_deg()[:, FEMUR_ID - 1])
+        assert 2 < away_deg.max() < 3.5
+        assert away_deg[-1] == pytest.approx(away_deg.max(), abs=1.0)
+        assert bus.board._servos[FEMUR_ID - 1].holds is holds
+    assert operator.asked == []
 
 
 def test_a_joint_has_one_servo_and_a_servo_may_belong_to_none() -> None:
