@@ -15,13 +15,13 @@ from hexctl.robot.configs import find_config, read_mapping, validate
 from hexctl.robot.formats.link_masses import link_mass
 from hexctl.robot.meshes import Meshes, read_meshes
 from hexctl.robot.model import Robot, stance
-from hexctl.robot.plausibility import mass_problem, range_problem
+from hexctl.robot.plausibility import mass_problem
 from hexctl.robot.schema import P_GAIN, JointSection, LinkSection, RobotSchema
 from hexctl.robot.sensors import SENSORS
 from hexctl.robot.servos.servo_map import ServoMap, servo_map_of
 from hexctl.robot.unit_doubts import unit_doubts
 from hexctl.robot.yaml_text import with_values, yaml_content
-from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_LEGS, FloatArray
+from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS, FloatArray
 
 
 @dataclass(frozen=True)
@@ -190,9 +190,6 @@ def _check_units(robot: Robot) -> None:
     parts = {"body": (robot.body.mass_kg, robot.body.size_m), **dict(zip(JOINT_KINDS, links, strict=True))}
     if problem := mass_problem(parts, robot.mass_kg, sum(lengths_m)):
         raise InputError(f"body and links: {problem}")
-    ranges_deg = np.degrees(robot.joint_upper_rad - robot.joint_lower_rad)
-    if problem := range_problem(ranges_deg[:JOINTS_PER_LEG].tolist()):
-        raise InputError(f"joints: {problem}")
 
 
 def _check_stance_limits(robot: Robot) -> None:

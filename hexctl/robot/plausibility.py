@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from hexctl.robot.units import LENGTHS, MASSES, RADIANS, in_likely_unit
 from hexctl.types import FloatArray
 
 #: Density above which no part is, with `MARGIN_M` added to each side: servos stick out of links.
@@ -16,6 +17,14 @@ MOST_KG_M3, MARGIN_M = 4000.0, 0.05
 #: Mass of a robot per cube of its legs: shipped and published ones have 40 to 250 kg/m3, the lightest, with
 #: legs of 2.4 m, 4, and one whose legs are shorter than its servos some thousands.
 LEG_KG_M3 = (1.5, 2e4)
+
+#: Usual mass per cube of the legs, and length of a leg.
+USUAL_KG_M3, USUAL_LEG_M = 100.0, 0.25
+
+#: Usual mass (of 20 g to 2 kg), length, largest angle (of 8 degrees to half a turn) and period on a bench.
+BENCH_KG, BENCH_M, BENCH_RAD, BENCH_S = 0.2, 0.15, 0.66, 0.02
+ANGLES = {"deg": 1 / RADIANS["rad"], "counts of 4096": math.tau / 4096}
+TIMES = {"ms": 1e-3, "us": 1e-6}
 
 #: A leg or a bar of a bench is no longer, a part no heavier.
 MOST_LEG_M, MOST_MASS_KG, MOST_BAR_M, MOST_BENCH_KG = 10.0, 1000.0, 2.0, 50.0
@@ -50,34 +59,32 @@ def mass_problem(
         robot_kg: mass of the robot; None if parts have placeholders.
         leg_m: length of a leg.
     """
+    usual_kg = USUAL_KG_M3 * leg_m**3
     if leg_m > MOST_LEG_M:
-        return f"got legs of {leg_m:.4g} m; allowed: up to {MOST_LEG_M:g} m; convert mm, cm or inches to m"
+        likely = in_likely_unit([leg_m], "m", USUAL_LEG_M, LENGTHS)
+        return f"got legs of {leg_m:.4g} m; allowed: up to {MOST_LEG_M:g} m; {likely}"
     kind, (mass_kg, _) = max(parts.items(), key=lambda part: part[1][0])
     if mass_kg > MOST_MASS_KG:
-        return f"got a {kind} of {mass_kg:.4g} kg; allowed: up to {MOST_MASS_KG:g} kg; convert grams to kg"
+        likely = in_likely_unit([mass_kg], "kg", usual_kg, MASSES)
+        return f"got a {kind} of {mass_kg:.4g} kg; allowed: up to {MOST_MASS_KG:g} kg; {likely}"
     dense = [name for name, (part_kg, size_m) in parts.items() if too_dense(part_kg, size_m)]
     if len(dense) > len(parts) / 2:
+        masses_kg = [part_kg for part_kg, _ in parts.values()]
         masses = ", ".join(f"{name} {part_kg:.4g} kg" for name, (part_kg, _) in parts.items())
         return (
-            f"got masses of {masses} with legs of {leg_m:.3g} m; "
-            f"allowed: parts of up to {MOST_KG_M3:g} kg/m3; convert grams to kg"
+            f"got masses of {masses} with legs of {leg_m:.3g} m; allowed: parts of up to "
+            f"{MOST_KG_M3:g} kg/m3; {in_likely_unit(masses_kg, 'kg', usual_kg / 10, MASSES)}"
         )
     low_kg, high_kg = (density * leg_m**3 for density in LEG_KG_M3)
     if robot_kg is not None and not low_kg <= robot_kg <= high_kg:
-        light = robot_kg < low_kg
-        units = "cm, inches or ten-fold lengths" if light else "grams to kg, or shorter lengths"
+        likely = f"legs {in_likely_unit([leg_m], 'm', (robot_kg / USUAL_KG_M3) ** (1 / 3), LENGTHS)}"
+        if robot_kg > high_kg:
+            likely += f"; masses {in_likely_unit([robot_kg], 'kg', usual_kg, MASSES)}"
         return (
             f"got a robot of {robot_kg:.3g} kg with legs of {leg_m:.3g} m; "
-            f"allowed: {low_kg:.2g} to {high_kg:.2g} kg; convert {units} to m"
+            f"allowed: {low_kg:.2g} to {high_kg:.2g} kg; {likely}"
         )
     return ""
-
-
-def range_problem(ranges_deg: Sequence[float]) -> str:
-    """Why the ranges of coxa, femur and tibia are not in degrees, or an empty text."""
-    if max(ranges_deg) >= LEAST_RANGE_DEG:
-        return ""
-    return f"got joints that turn by {max(ranges_deg):.2g} deg at most; allowed: degrees; are these radians?"
 
 
 def inertia_problem(moments: FloatArray, even: Sequence[float], bounds: tuple[float, float]) -> str:
@@ -95,24 +102,25 @@ def bench_problem(mass_kg: float, length_m: float, angles_rad: FloatArray, time_
     """Why a run of a servo on a bench is not in kg, m, rad and s, or an empty text; angles are (N, 2)."""
     load_nm, most_rad = 9.81 * mass_kg * length_m, float(np.abs(angles_rad).max())
     period_s, gap_s = float(np.median(np.diff(time_s))), float(np.diff(time_s).max())
+    likely_mass = in_likely_unit([mass_kg], "kg", BENCH_KG, MASSES)
+    likely_length = in_likely_unit([length_m], "m", BENCH_M, LENGTHS)
     if mass_kg > MOST_BENCH_KG:
-        return f"mass: got {mass_kg:g} kg; allowed: up to {MOST_BENCH_KG:g} kg; are these grams?"
+        return f"mass: got {mass_kg:g} kg; allowed: up to {MOST_BENCH_KG:g} kg; {likely_mass}"
     if length_m > MOST_BAR_M:
-        return f"length: got {length_m:g} m; allowed: up to {MOST_BAR_M:g} m; are these mm or cm?"
+        return f"length: got {length_m:g} m; allowed: up to {MOST_BAR_M:g} m; {likely_length}"
     if load_nm > TORQUES_NM[1]:
-        return (
-            f"mass and length: got a load of {load_nm:.3g} N m; allowed: up to {TORQUES_NM[1]:g}; "
-            "grams, mm or cm?"
-        )
+        likely = likely_mass if mass_kg / BENCH_KG > length_m / BENCH_M else likely_length
+        return f"mass and length: got a load of {load_nm:.3g} N m; allowed: up to {TORQUES_NM[1]:g}; {likely}"
     if most_rad > MOST_BENCH_RAD:
+        likely = in_likely_unit([most_rad], "rad", BENCH_RAD, ANGLES)
         return (
-            f"position, goal_position: got {most_rad:.4g} rad; allowed: up to {MOST_BENCH_RAD:.3g}; "
-            "degrees or counts?"
+            f"position, goal_position: got {most_rad:.4g} rad; allowed: up to {MOST_BENCH_RAD:.3g}; {likely}"
         )
     if not BENCH_PERIODS_S[0] <= period_s <= BENCH_PERIODS_S[1]:
+        likely = in_likely_unit([period_s], "s", BENCH_S, TIMES)
         return (
             f"timestamp: got a period of {period_s:.3g} s; allowed: {BENCH_PERIODS_S[0]:g} to "
-            f"{BENCH_PERIODS_S[1]:g}; milliseconds?"
+            f"{BENCH_PERIODS_S[1]:g}; {likely}"
         )
     if gap_s > MOST_GAP_S:
         return f"timestamp: got a gap of {gap_s:.4g} s; allowed: up to {MOST_GAP_S:g} s; cut the run there"

@@ -100,6 +100,11 @@ def likely_unit(location: Iterable[int | str], value: object) -> str:
     return quantity.likely([value]) if quantity.outside(value) else ""
 
 
+def in_likely_unit(values: Sequence[float], unit: str, usual: float, factors: Mapping[str, float]) -> str:
+    """Likely units of values that no robot has, with the converted values, by their usual value."""
+    return Quantity(unit, 0.0, 0.0, usual, factors).likely(values)
+
+
 def doubt(key: str, values: Sequence[float], usual: str, quantity: Quantity) -> str:
     """One line about values of a key: what was got, what is usual, and the likely units."""
     likely = quantity.likely(values)

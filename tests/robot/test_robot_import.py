@@ -219,7 +219,7 @@ def test_limits_in_degrees_and_swapped_limits_are_noted(tmp_path: Path) -> None:
     made = imported(
         tmp_path, hexapod(limits=(limit, LIMIT, LIMIT.replace('1.5"', '-1.5"').replace("--", "")))
     )
-    assert "are these degrees" in made.reasons["joints.coxa.min_deg"]
+    assert "in deg that is -80 to 75 deg" in made.reasons["joints.coxa.min_deg"]
     assert "got 5.73; plausible: 11.46 to 3438 deg/s; 200" in made.reasons["joints.coxa.max_speed_deg_s"]
     assert sum("were swapped" in note for note in made.notes) == 6
 
@@ -594,8 +594,8 @@ LACKING = r"4 hinges \(jc1 about .*make the other hinges `fixed`"
 
 #: Descriptions that are refused, and what the message says.
 REFUSED = {
-    "lengths in mm": (scaled(hexapod(), 1000), "legs of 240 m.*mm"),
-    "masses in grams": (HEAVY, "trunk of 1200 kg.*grams"),
+    "lengths in mm": (scaled(hexapod(), 1000), "legs of 240 m.*in mm that is 0.24 m"),
+    "masses in grams": (HEAVY, "trunk of 1200 kg.*in g that is 1.2 kg"),
     "radians in an MJCF of degrees": (re.sub('range="[^"]*"', 'range="-1.2 1.3"', MJCF), 'angle="radian"'),
     "a foot beside its leg": (hexapod(foot_y_m=0.07), "outside the plane of its leg; allowed: 60 mm"),
     "five legs": (changed('"jc6" type="revolute"', '"jc6" type="fixed"'), "5 chains"),

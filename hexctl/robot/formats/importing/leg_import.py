@@ -37,7 +37,7 @@ USUAL_ERROR_RAD = 0.085
 
 _NOT_DESCRIBED = "descriptions do not have it"
 
-_UNITS = "; descriptions count in radians: are these degrees?"
+_UNITS = "; in deg that is {:.4g} to {:.4g} deg: descriptions count in radians"
 
 #: A foot sphere is at most this large.
 MOST_FOOT_M = 0.03
@@ -271,7 +271,8 @@ class LegImport:
             )
         if len(ranges) < len(self._legs) or not RANGES_DEG[0] <= high - low < RANGES_DEG[1]:
             reason = f"got {low:.4g} to {high:.4g} deg" if len(ranges) == len(self._legs) else "it is missing"
-            reason += _UNITS if ranges and high - low > MOST_RANGE_DEG else ""
+            if ranges and high - low > MOST_RANGE_DEG:
+                reason += _UNITS.format(math.radians(low), math.radians(high))
             reason += f"; {-USUAL_RANGE_DEG:g} to {USUAL_RANGE_DEG:g} deg were assumed"
             self._findings.reasons.update({f"joints.{kind}.{end}": reason for end in ("min_deg", "max_deg")})
             return -USUAL_RANGE_DEG, USUAL_RANGE_DEG
