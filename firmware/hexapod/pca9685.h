@@ -21,16 +21,23 @@ constexpr uint8_t prescale(uint32_t oscillator_hz) {
   return (oscillator_hz + COUNTS * PULSES_HZ / 2) / (COUNTS * PULSES_HZ) - 1;
 }
 
-// Counts of the longest pulse that is not longer.
+// Oscillations in a million counts.
+constexpr uint64_t million_counts(uint32_t oscillator_hz) { return 1000000ull * (prescale(oscillator_hz) + 1); }
+
+// Counts of the longest pulse that is not longer, and of the shortest that is not shorter.
 constexpr uint32_t counts_below(uint32_t pulse_us, uint32_t oscillator_hz) {
-  return static_cast<uint64_t>(pulse_us) * oscillator_hz / (1000000ull * (prescale(oscillator_hz) + 1));
+  return static_cast<uint64_t>(pulse_us) * oscillator_hz / million_counts(oscillator_hz);
+}
+constexpr uint32_t counts_above(uint32_t pulse_us, uint32_t oscillator_hz) {
+  return (static_cast<uint64_t>(pulse_us) * oscillator_hz + million_counts(oscillator_hz) - 1) /
+         million_counts(oscillator_hz);
 }
 
 // Counts of a pulse, within the limits of its channel.
 inline uint32_t counts(uint32_t pulse_us, uint32_t least_us, uint32_t most_us, uint32_t oscillator_hz) {
   const uint32_t doubled = counts_below(2 * pulse_us, oscillator_hz);
   const uint32_t nearest = (doubled + 1) / 2;
-  const uint32_t least = counts_below(least_us - 1, oscillator_hz) + 1, most = counts_below(most_us, oscillator_hz);
+  const uint32_t least = counts_above(least_us, oscillator_hz), most = counts_below(most_us, oscillator_hz);
   return nearest < least ? least : nearest > most ? most : nearest;
 }
 

@@ -62,11 +62,17 @@ def sketch_with_headers() -> Path:
     return sketch
 
 
-def compiled(output: Path, source: Path, *options: str, architecture: str = "RP2040") -> Path:
+def compiled(
+    output: Path,
+    source: Path,
+    *options: str,
+    architecture: str = "RP2040",
+    feet: Sequence[int] = PINS_FEET,
+) -> Path:
     """A program or library of a source and the sketch."""
     sketch = sketch_with_headers()
-    feet = f"-DPINS_FEET={{{','.join(map(str, PINS_FEET))}}}"
-    defined = f"-DARDUINO_ARCH_{architecture}", f"-DPIN_BATTERY={PIN_BATTERY}", feet
+    pins = f"-DPINS_FEET={{{','.join(map(str, feet))}}}"
+    defined = f"-DARDUINO_ARCH_{architecture}", f"-DPIN_BATTERY={PIN_BATTERY}", pins
     # The generated headers are not ours to warn about.
     include = f"-I{sketch}", f"-I{HERE / 'arduino'}", "-isystem", sketch / "src" / "mavlink"
     warnings = "-Wall", "-Wextra", "-Werror", "-Wno-address-of-packed-member", "-Wno-unused-function"
@@ -77,11 +83,13 @@ def compiled(output: Path, source: Path, *options: str, architecture: str = "RP2
 
 
 @cache
-def library(architecture: str) -> bytes:
-    """The sketch as a shared library for a kind of board."""
+def library(architecture: str, feet: tuple[int, ...]) -> bytes:
+    """The sketch as a shared library for a kind of board, with pins of foot switches."""
     with TemporaryDirectory() as folder:
         path, shared = Path(folder) / "firmware.so", ("-shared", "-fPIC")
-        return compiled(path, HERE / "computer.cpp", *shared, architecture=architecture).read_bytes()
+        return compiled(
+            path, HERE / "computer.cpp", *shared, architecture=architecture, feet=feet
+        ).read_bytes()
 
 
 def _run(*command: str | Path) -> None:
@@ -94,6 +102,8 @@ class Firmware:
 
     Args:
         start_us: pulses reported before the first command, (18,).
+        limits_us: shortest and longest pulse of each channel; those of `config.h` without any.
+        feet: pins of the foot switches; -1 is none.
     """
 
     def __init__(
@@ -103,13 +113,15 @@ class Firmware:
         expiry_s: float = 0.2,
         release_after_s: float = 10.0,
         signing_key: bytes | None = None,
+        limits_us: Sequence[tuple[int, int]] = (),
         architecture: str = "RP2040",
+        feet: tuple[int, ...] = PINS_FEET,
     ) -> None:
         self.pin_oe = PIN_OE[architecture]
         with TemporaryDirectory() as folder:
             # A copy for each board, because a library is loaded once and has its state in globals.
             path = Path(folder) / "firmware.so"
-            path.write_bytes(library(architecture))
+            path.write_bytes(library(architecture, feet))
             self._code = ctypes.CDLL(str(path))
         self._code.take.restype = ctypes.c_size_t
         self._code.registers.restype = ctypes.POINTER(ctypes.c_uint8)
@@ -117,6 +129,8 @@ class Firmware:
         start = (ctypes.c_uint16 * 18)(*(round(float(pulse)) for pulse in start_us))
         times = (ctypes.c_uint32(round(each * 1e6)) for each in (expiry_s, release_after_s))
         self._code.configure(start, *times, signing_key)
+        for channel, (least, most) in enumerate(limits_us):
+            self._code.limit(channel, least, most)
 
     def begin(self, now_s: float) -> None:
         """Switch it on."""
@@ -156,6 +170,7 @@ def _pulse_us(registers: bytes, channel: int) -> float:
     assert on_low == on_high == 0
     tick_us = (registers[0xFE] + 1) / 25.0
     asleep = registers[0] & 0x10
+    assert off_low or off_high, "without counts and the bit for off, the data sheet promises nothing"
     return 0.0 if asleep or off_high & 0x10 else (off_low + 256 * (off_high & 0x0F)) * tick_us
 
 

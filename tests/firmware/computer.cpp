@@ -45,12 +45,27 @@ size_t take(uint8_t *frame) {
 
 void count(uint32_t *counts) { memcpy(counts, &board.counters(), sizeof(Counters)); }
 
+// Before `begin`: the shortest and longest pulse of a channel.
+void limit(int channel, uint16_t least, uint16_t most) {
+  settings.least_us[channel] = least;
+  settings.most_us[channel] = most;
+}
+
+uint32_t prescale(uint32_t oscillator_hz) { return pca9685::prescale(oscillator_hz); }
+
 uint8_t *registers(int chip) { return chips[chip].registers; }
-void answer(int chip, bool answers) { chips[chip].answers = answers; }
+void answer(int chip, bool answers) { chips[chip].answers = answers ? Chip::ALWAYS : 0; }
+void answer_only(int chip, int messages) { chips[chip].answers = messages; }
 void lose_power(int chip) { chips[chip].reset(); }
 uint8_t level(int pin) { return computer.levels[pin]; }
 void press(int pin, bool pressed) { computer.levels[pin] = pressed ? LOW : HIGH; }
 void supply(uint32_t input_mv) { computer.input_mv = input_mv; }
 void fill(uint32_t room) { computer.room = room; }
 uint32_t watchdog_ms() { return computer.watchdog_ms; }
+uint32_t fed() { return computer.fed; }
+bool driven_low(int pin) { return computer.driven_low[pin]; }
+
+// How many messages the chips had taken when a pin last became low, and how many since.
+uint32_t messages_before_low(int pin) { return computer.messages_before_low[pin]; }
+uint32_t messages() { return computer.messages; }
 }

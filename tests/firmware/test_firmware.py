@@ -8,7 +8,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,69 +23,11 @@ from hexctl.testing import LegServosConformance
 from hexctl.time_source import WALL_TIME
 from hexctl.types import FloatArray
 from tests.backends.mavlink.boards import fitting_file
-from tests.firmware.boards import (
-    ARCHITECTURES,
-    HERE,
-    PASS_S,
-    PINS_FEET,
-    Firmware,
-    compiled,
-    decoded,
-)
+from tests.firmware.boards import ARCHITECTURES, HERE, PASS_S, PINS_FEET, Firmware, compiled, decoded
+from tests.firmware.driver import COUNT_US, LEAST_US, MOST_US, STANCE, TICK_S, Driver
 from tests.robots import shipped
 
 pytestmark = pytest.mark.slow
-
-STANCE = np.full(18, 1500.0)
-TICK_S = 0.02
-
-#: Longest and shortest pulses are those of `config.h`; one count of a chip lasts 4.88 us.
-LEAST_US, MOST_US, COUNT_US = 500.0, 2500.0, 122 / 25
-
-
-class Driver:
-    """A controller, and the board that it drives in steps of a millisecond; `now_s` is the time of both."""
-
-    def __init__(self, **options: Any) -> None:
-        self.firmware = Firmware(STANCE, **options)
-        self.codec, self.now_s, self.sequence = Codec(255, 191), 0.0, 0
-        self.firmware.begin(self.now_s)
-        self.frames: list[bytes] = []
-        self.pass_time(0.1)
-
-    def encode(self, message: Any) -> bytes:
-        """The next frame of a message."""
-        self.sequence += 1
-        return self.codec.encode(message, self.sequence - 1)
-
-    def override(self, pulses: FloatArray, times: int = 1) -> None:
-        """Command pulses at 50 Hz."""
-        for _ in range(times):
-            self.say(self.encode(mavlink_messages.override(pulses, 1, 1)))
-            self.pass_time(TICK_S)
-
-    def say(self, data: bytes) -> None:
-        """Let bytes come now."""
-        self.frames += self.firmware.run(self.now_s, data)
-
-    def pass_time(self, duration_s: float) -> None:
-        """Let the program run meanwhile."""
-        until_s = self.now_s + duration_s
-        while self.now_s < until_s - 1e-9:
-            self.now_s = round(self.now_s + 0.001, 6)
-            self.frames += self.firmware.run(self.now_s)
-
-    def newest(self, kind: str) -> Any:
-        """Newest message of a kind."""
-        return decoded(self.frames, kind)[-1]
-
-    def time_until(self, condition: Any, within_s: float) -> float:
-        """Time until something is so."""
-        begun_s = self.now_s
-        while not condition():
-            assert self.now_s - begun_s < within_s
-            self.pass_time(0.001)
-        return round(self.now_s - begun_s, 6)
 
 
 @pytest.fixture(params=ARCHITECTURES)
@@ -218,8 +159,7 @@ def test_garbage_hides_no_good_frame(garbage: bytes, driver: Driver) -> None:
     driver.say(garbage)
     driver.override(STANCE + 20, times=40)
     counts = driver.firmware.counts()
-    # Overrides wait for the end of what may be a frame of up to 280 bytes.
-    assert 40 - 280 // 50 - 1 <= counts["overrides"] <= 40
+    assert counts["overrides"] == 40, "late at most, behind what may be a frame of up to 280 bytes"
     assert (counts["lost"], counts["out_of_order"]) == (0, 0)
 
 

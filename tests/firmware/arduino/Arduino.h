@@ -22,12 +22,21 @@ struct Computer {
   std::deque<uint8_t> received;
   std::vector<std::vector<uint8_t>> sent;
   uint32_t watchdog_ms = 0, fed = 0;
+  uint32_t messages = 0;          // that chips have taken
+  uint32_t messages_before_low[PINS] = {};
+  bool driven_low[PINS] = {};     // whether the pin became an output while it was low
 };
 extern Computer computer;
 
 inline unsigned long micros() { return static_cast<uint32_t>(computer.now_us); }
-inline void pinMode(uint8_t pin, uint8_t mode) { computer.modes[pin] = mode; }
-inline void digitalWrite(uint8_t pin, uint8_t level) { computer.levels[pin] = level; }
+inline void pinMode(uint8_t pin, uint8_t mode) {
+  computer.modes[pin] = mode;
+  computer.driven_low[pin] = mode == OUTPUT && computer.levels[pin] == LOW;
+}
+inline void digitalWrite(uint8_t pin, uint8_t level) {
+  if (level == LOW && computer.levels[pin] != LOW) computer.messages_before_low[pin] = computer.messages;
+  computer.levels[pin] = level;
+}
 inline int digitalRead(uint8_t pin) { return computer.levels[pin]; }
 
 struct SerialStub {

@@ -4,8 +4,10 @@
 #include "Arduino.h"
 
 struct Chip {
+  static constexpr int ALWAYS = -1;
+
   uint8_t registers[256];
-  bool answers = true;
+  int answers = ALWAYS;  // how many more messages it acknowledges
 
   Chip() { reset(); }
   void reset() {
@@ -16,6 +18,8 @@ struct Chip {
     for (int channel = 0; channel < 16; ++channel) registers[6 + 4 * channel + 3] = 0x10;
   }
   void take(const std::vector<uint8_t> &message) {
+    if (answers > 0) --answers;
+    ++computer.messages;
     uint8_t at = message.empty() ? 0 : message[0];
     for (size_t each = 1; each < message.size(); ++each) {
       const bool sleeps = registers[0x00] & 0x10;
