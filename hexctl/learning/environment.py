@@ -20,14 +20,14 @@ from hexctl.backends.sim.world import World, as_world
 from hexctl.control.guard import Guard
 from hexctl.control.preparation import prepare, ticks_of
 from hexctl.control.scoring.walk_quality import WalkEffort
-from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_plan import DURATION_S, TrialPlan
 from hexctl.errors import InputError, MissingExtraError, SimulationDivergedError
 from hexctl.gait.gait import ideal_speed_m_s, make_gait
 from hexctl.learning.learned_walk import ACTION_SIZE, OBSERVATION_SIZE, OBSERVED, LearnedWalk
 from hexctl.robot.failure import FailureEvent
 from hexctl.robot.failure_grammar import parse_coming_kind
 from hexctl.robot.model import Robot
-from hexctl.types import GRAVITY_M_S2, N_LEGS, FloatArray, JointTargets
+from hexctl.types import GRAVITY_M_S2, N_LEGS, FloatArray, JointTargets, check_finite
 
 if TYPE_CHECKING:
     from hexctl.export.render import RobotRenderer
@@ -59,8 +59,8 @@ class HexapodEnvironment(gymnasium.Env[Observation, FloatArray]):
 
     Args:
         robot: name or path of a robot file, or a Robot.
-        worlds: names, paths or Worlds; members of a family as `randomised:7`.
-        failures: kinds of failures while walking, as `locked`, `limp` or `stuck:coxa`.
+        worlds: a name, path or World, or several; members of a family as `randomised:7`.
+        failures: a kind of failures while walking, or several, as `locked`, `limp` or `stuck:coxa`.
         failing: share of the episodes with a failure.
         failure_s: earliest and latest time of the failure.
         headings_deg: directions of travel.
@@ -77,11 +77,11 @@ class HexapodEnvironment(gymnasium.Env[Observation, FloatArray]):
         self,
         *,
         robot: Robot | str | Path = "ant",
-        worlds: Sequence[World | str | Path] = ("flat",),
-        failures: Sequence[str] = ("locked", "limp", "missing"),
+        worlds: World | str | Path | Sequence[World | str | Path] = ("flat",),
+        failures: str | Sequence[str] = ("locked", "limp", "missing"),
         failing: float = 0.8,
         failure_s: tuple[float, float] = (1.0, 4.0),
-        headings_deg: Sequence[float] | FloatArray = (0.0,),
+        headings_deg: float | Sequence[float] | FloatArray = (0.0,),
         gait: int | str = "tripod",
         duration_s: float = 15.0,
         render_mode: str | None = None,
@@ -90,7 +90,11 @@ class HexapodEnvironment(gymnasium.Env[Observation, FloatArray]):
             raise InputError(f"render_mode: got {render_mode!r}; allowed: 'rgb_array', or None")
         self.render_mode = render_mode
         self._renderer: RobotRenderer | None = None
+        worlds = [worlds] if isinstance(worlds, World | str | Path) else worlds
+        failures = [failures] if isinstance(failures, str) else failures
+        headings_deg = np.atleast_1d(np.asarray(headings_deg, dtype=float))
         self._robot, self._worlds = as_robot(robot), [as_world(world) for world in worlds]
+        DURATION_S.check("duration_s", duration_s)
         _check_failures(failures, failing, failure_s, duration_s)
         for name, given in (("worlds", worlds), ("headings_deg", headings_deg)):
             if len(given) == 0:  # of an array, too
@@ -99,7 +103,7 @@ class HexapodEnvironment(gymnasium.Env[Observation, FloatArray]):
         self._plans = [
             TrialPlan(
                 gait=make_gait(self._robot, gait),
-                heading_rad=radians(heading_deg),
+                heading_rad=radians(float(heading_deg)),
                 duration_s=duration_s,
                 self_rotation="none",
                 hold="line",
@@ -109,6 +113,7 @@ class HexapodEnvironment(gymnasium.Env[Observation, FloatArray]):
         self.action_space = Box(-1.0, 1.0, (ACTION_SIZE,), np.float64)
         self.observation_space = Box(-OBSERVED, OBSERVED, (OBSERVATION_SIZE,), np.float32)
         self._episode: _Episode | None = None
+        self.spec = gymnasium.spec(ID)  # `gymnasium.make` gives it one with its own keywords
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -133,6 +138,7 @@ class HexapodEnvironment(gymnasium.Env[Observation, FloatArray]):
         sent = np.asarray(action, dtype=float)
         if sent.shape != self.action_space.shape:
             raise InputError(f"action: got shape {sent.shape}; allowed: {self.action_space.shape}")
+        check_finite(sent, sent.shape, "action")  # one that is kept would spoil all later ones
         return self._episode.after(sent)
 
     def render(self) -> NDArray[np.uint8] | None:

@@ -1,5 +1,6 @@
 """The Gymnasium environment, which is the walk of a trial; policies and their files."""
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -55,9 +56,14 @@ def course(environment: HexapodEnvironment, seed: int) -> tuple[list[Observation
 
 @pytest.mark.slow
 def test_it_keeps_the_contract_of_gymnasium() -> None:
-    environment = gymnasium.make("hexctl/Hexapod-v0", worlds=("slippery",), **SHORT)
-    check_env(environment.unwrapped, skip_render_check=True)
-    environment.close()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for environment in (
+            gymnasium.make("hexctl/Hexapod-v0", worlds=("slippery",), **SHORT).unwrapped,
+            HexapodEnvironment(**SHORT),
+        ):
+            check_env(environment, skip_render_check=True)
+            environment.close()
 
 
 @pytest.mark.slow
@@ -136,6 +142,8 @@ def test_a_batch_of_learned_walks_equals_single_ones() -> None:
         ({"failure_s": (4.0, 1.0)}, "failure_s"),
         ({"failure_s": (1.0, 15.0)}, "failure_s"),
         ({"worlds": ()}, "^worlds: got none"),
+        ({"duration_s": -1.0}, "^duration_s: got -1"),
+        ({"duration_s": 0.0, "failing": 0}, "^duration_s: got 0"),
         ({"headings_deg": np.empty(0)}, "^headings_deg: got none"),
     ],
 )
@@ -150,6 +158,28 @@ def test_an_action_of_another_shape_is_refused() -> None:
     with pytest.raises(InputError, match=r"^action: got shape \(3,\); allowed: \(18,\)$"):
         environment.step(np.zeros(3))
     environment.close()
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_an_action_that_is_not_finite_is_refused_and_spoils_nothing(wrong: float) -> None:
+    environments = [HexapodEnvironment(failing=0, duration_s=0.5) for _ in range(2)]
+    for environment in environments:
+        environment.reset(seed=0)
+    action = np.full(ACTION_SIZE, 0.5)
+    environments[0].step(action)
+    with pytest.raises(InputError, match=r"^action: got"):
+        environments[0].step(np.where(np.arange(ACTION_SIZE) == 7, wrong, action))
+    environments[1].step(action)
+    first, second = (environment.step(action) for environment in environments)
+    np.testing.assert_array_equal(first[0], second[0])
+    assert first[1] == second[1]
+    assert np.isfinite(first[0]).all()
+
+
+def test_one_world_one_failure_and_one_heading_need_no_list() -> None:
+    one = HexapodEnvironment(worlds="slope", failures="limp", headings_deg=90.0, **SHORT)
+    other = HexapodEnvironment(worlds=("slope",), failures=("limp",), headings_deg=(90.0,), **SHORT)
+    np.testing.assert_array_equal(course(one, 3)[0], course(other, 3)[0])
 
 
 def test_the_action_of_a_policy_is_that_of_its_network_and_a_file_keeps_it(tmp_path: Path) -> None:
