@@ -32,11 +32,12 @@ CAMERAS = {"side": (-90.0, 12.0), "top": (-90.0, 89.0), "follow": (-145.0, 25.0)
 FOVY_DEG = 35.0
 
 
-#: Colours, a chequered floor and light. Shadows would take most of the time. Pictures larger than MuJoCo's
-#: 640 x 480 need a larger buffer. The usual haze is white: a bright line at the dark background's horizon.
+#: Physics and friction of the world `flat`, colours, a chequered floor and light. Shadows would take most of
+#: the time. Pictures larger than MuJoCo's 640 x 480 need a larger buffer. The usual haze is white: a bright
+#: line at the dark background's horizon.
 _SCENE = f"""<mujoco>
 <compiler angle="radian"/>
-<option timestep="{STEP_S}" integrator="implicitfast" cone="elliptic"/>
+<option timestep="{STEP_S}" integrator="implicitfast" cone="elliptic" tolerance="1e-12"/>
 <visual>
   <headlight ambient="0.4 0.4 0.4" diffuse="0.35 0.35 0.35" specular="0 0 0"/>
   <global offwidth="1920" offheight="1920"/>
@@ -53,7 +54,7 @@ _SCENE = f"""<mujoco>
   <light pos="0 0 3" dir="0 0 -1" directional="true" castshadow="false" diffuse="0.35 0.35 0.35"
     specular="0 0 0"/>
   <geom name="floor" type="plane" size="0 0 0.05" material="floor" contype="1" conaffinity="0"
-    friction="1 0.005 0.0001" priority="1"/>
+    friction="0.8 0.005 0.0001" priority="1"/>
 </worldbody>
 </mujoco>"""
 
