@@ -43,7 +43,8 @@ class Layout:
         by_time: whether histories are joined time by time.
         signs: of the joints' directions by hexctl's name, -1 for those that turn the other way.
         action_scale: rad per action.
-        damping: of joint velocities, in rad per rad/s.
+        feedback: rad of targets per unit of a term before its scale, by its name: of the same joint for terms
+            of joints, of femurs for others, and for gravity per deviation from the vertical.
     """
 
     terms: Mapping[str, int]
@@ -53,7 +54,7 @@ class Layout:
     by_time: bool = False
     signs: Mapping[str, float] = field(default_factory=dict)
     action_scale: float = 0.25
-    damping: float = 0.0
+    feedback: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def size(self) -> int:
@@ -101,6 +102,21 @@ def layers(walk: Any, layout: Layout) -> tuple[FloatArray, FloatArray, FloatArra
     return weights, walk.biases, walk.out[:, layout.order] * own, walk.out_biases[layout.order] * own
 
 
+def feedback_of(layout: Layout) -> tuple[FloatArray, FloatArray]:
+    """Weights (size, 18) from the observation to actions, and their actions at rest, (18,)."""
+    weights, rest = np.zeros((layout.size, N_JOINTS)), np.zeros(layout.size)
+    femurs = np.array([name.endswith("femur") for name in layout.joints])
+    for name, gain in layout.feedback.items():
+        own = gain / layout.action_scale / layout.scales.get(name, 1.0)
+        place = layout.newest(name)
+        weights[place] = (
+            own * np.eye(N_JOINTS) if layout.terms[name] == N_JOINTS else own * femurs * layout.sign
+        )
+        if name == "projected_gravity":
+            rest[place] = [0.0, 0.0, -layout.scales.get(name, 1.0)]
+    return weights, rest @ weights
+
+
 def write_onnx(
     path: Path,
     walk: Any,
@@ -119,7 +135,11 @@ def write_onnx(
     weights, biases, out, out_biases = layers(walk, layout)
     if mean is not None and std is not None:
         weights, biases = weights * std[:, np.newaxis], biases + mean @ weights
-    arrays = {"w0": weights, "b0": biases, "w1": out, "b1": out_biases}
+    feedback, at_rest = feedback_of(layout)
+    if mean is not None and std is not None:
+        at_rest = at_rest - mean @ feedback
+        feedback = feedback * std[:, np.newaxis]
+    arrays = {"w0": weights, "b0": biases, "w1": out, "b1": out_biases - at_rest, "w2": feedback}
     if mean is not None and std is not None:
         arrays |= {"mean": mean[np.newaxis], "std": std[np.newaxis]}
     nodes, source = [], input_name
@@ -132,7 +152,8 @@ def write_onnx(
     nodes += [
         helper.make_node("Gemm", [source, "w0", "b0"], ["hidden"]),
         helper.make_node("Tanh", ["hidden"], ["active"]),
-        helper.make_node("Gemm", ["active", "w1", "b1"], [output_name]),
+        helper.make_node("Gemm", ["active", "w1", "b1"], ["walk"]),
+        helper.make_node("Gemm", [source, "w2", "walk"], [output_name]),
     ]
     graph = helper.make_graph(
         nodes,

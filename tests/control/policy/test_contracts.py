@@ -204,7 +204,8 @@ def test_a_normaliser_outside_the_network_equals_one_inside(tmp_path: Path) -> N
     # The same weights, with what the graph does before them done by hexctl.
     model = onnx.load(inside)
     del model.graph.node[:2]
-    model.graph.node[0].input[0] = "obs"
+    for node in model.graph.node:
+        node.input[:] = ["obs" if name == "normal" else name for name in node.input]
     onnx.save(model, tmp_path / "out.onnx")
     normaliser = {"mean": mean.tolist(), "std": std.tolist()}
     networks.write_yaml(tmp_path / "out.yaml", networks.own_contract() | {"normaliser": normaliser})
@@ -263,7 +264,7 @@ def _two_inputs(model: Any) -> None:
 
 
 def _twelve(model: Any) -> None:
-    for name, axis in (("w1", 1), ("b1", 0)):
+    for name, axis in (("w1", 1), ("b1", 0), ("w2", 1)):
         (tensor,) = [one for one in model.graph.initializer if one.name == name]
         array = onnx.numpy_helper.to_array(tensor).take(range(12), axis=axis)
         tensor.CopyFrom(onnx.numpy_helper.from_array(array, name))
