@@ -47,12 +47,12 @@ class Trace:
     """Base poses of a trial so far, NaN if unknown, and warnings; the frame is known from the walk on.
 
     Attributes:
-        echoes: whether joints of the last tick are an echo of their targets.
+        weighs: whether joints of the last tick were measured, with their loads.
     """
 
     def __init__(self) -> None:
         self.frame: TrialFrame | None = None
-        self.echoes = False
+        self.weighs = True
         self.warnings = SeenWarnings()
         self._rows = Table(COLUMNS)
         self._starts: dict[str, int] = {}
@@ -75,7 +75,7 @@ class Trace:
         if true_position_world is not None:
             columns["true_position_world"][row] = true_position_world
         self.warnings.take(state.warnings)
-        self.echoes = not state.measured
+        self.weighs = state.measured and state.joint_torques_nm is not None
 
     def rows(self, phase: str) -> slice:
         """Rows of a phase, or none."""

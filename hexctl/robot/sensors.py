@@ -36,7 +36,8 @@ def usual_sensors(driver: str | None, model: str | None, *, foot_switches: bool)
 def failures_shown(sensors: Collection[str]) -> str:
     """Which failures of a leg these sensors show in mid-walk, for a person."""
     if "joint_positions" in sensors:
-        return "legs and joints" if "joint_loads" in sensors else "joints and locked or limp legs"
+        more = set(sensors) - {"joint_positions", "joint_velocities"}
+        return "legs and joints" if more else "joints and locked or limp legs"
     if not {"imu", "position"}.isdisjoint(sensors):
         return "legs that carry less"
     return "legs without load" if "foot_contacts" in sensors else "none without an IMU"

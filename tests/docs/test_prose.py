@@ -58,7 +58,7 @@ def test_a_page_is_short(page: Path) -> None:
 
 def test_all_pages_together_are_short() -> None:
     pages = [page for page in DOCS.rglob("*.md") if page.parent.name != "dev"]
-    assert sum(map(words, pages)) <= 35_800
+    assert sum(map(words, pages)) <= 37_500  # with pages for play and policies
 
 
 @pytest.mark.parametrize("page", MARKED)

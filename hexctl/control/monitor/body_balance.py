@@ -1,6 +1,6 @@
 """Body balance: which failure explains the lean of the body and the feet on the floor.
 
-It is for servos that only echo their targets. With D, the deviation of the last cycle from the habit in each
+It is for servos that report no load. With D, the deviation of the last cycle from the habit in each
 part of the cycle, in units of what is usual on this floor, learned signatures (`LegSignatures`) give the log
 odds z_i that leg i failed rather than none. The evidence against a leg is its log odds against everything
 else:

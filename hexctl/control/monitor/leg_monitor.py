@@ -211,7 +211,9 @@ class LegMonitor:
         idle = None if size_nm is None else size_nm < self._none_nm
         if state.measured:
             self._following.update(state, parts, size_nm)
-        elif self._balance is not None:
+            if size_nm is not None:
+                self._balance = None  # loads show more
+        if self._balance is not None:
             self._balance.update(state, phases)
         self._support.update(state, parts, self._following if state.measured else None, size_nm, idle)
         self._motion.measured(state.joint_positions_rad, state.joint_torques_nm)
@@ -219,9 +221,9 @@ class LegMonitor:
         self._evidence[1] = self._support.missing
         self._evidence[2] = self._support.idle_of_legs
         np.divide(self._evidence, self._threshold, out=self._compared_ratios)
-        if self._balance is not None and not state.measured:
+        if self._balance is not None:
             self._ratios[_ROWS] = self._balance.ratio
-            if state.joint_torques_nm is None:
+            if not state.measured and state.joint_torques_nm is None:
                 # Feet hang in the air on a bumpy floor.
                 self._ratios[1] *= self._balance.even
         elif not state.measured and state.foot_contacts is not None:

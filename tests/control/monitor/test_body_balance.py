@@ -21,15 +21,15 @@ from hexctl.control.monitor.leg_signatures import (
     save_signatures,
     shipped_signatures,
 )
-from hexctl.control.monitor.monitored_walk import MonitoredWalk
+from hexctl.control.monitor.monitored_walk import MonitoredWalk, watched_walk
 from hexctl.control.monitor.recovery import WalkOn
-from hexctl.control.preparation import WalkStart, prepare
+from hexctl.control.preparation import prepare
 from hexctl.control.trial import planned_walk
 from hexctl.errors import InputError
 from hexctl.robot.failure_grammar import parse_failure_event
+from hexctl.robot.sensors import Sensor
 from hexctl.types import BoolArray, FloatArray
 from tests.backends.fake_time import FakeTime
-from tests.control.posed import PosedMock
 from tests.robots import shipped
 from tests.trials import sim_trial
 
@@ -130,19 +130,18 @@ def test_signatures_are_saved_and_loaded(tmp_path: Path) -> None:
     assert (load_signatures(tmp_path / "some.npz")["lean"].patterns == some["lean"].patterns).all()
 
 
-@pytest.mark.parametrize("echoes", [True, False])
-def test_a_damaged_file_of_signatures_is_refused_before_the_walk_of_servos_that_echo(
-    monkeypatch: pytest.MonkeyPatch, echoes: bool
+@pytest.mark.parametrize("weighs", [True, False])
+def test_a_damaged_file_of_signatures_is_refused_before_the_walk_of_servos_without_loads(
+    monkeypatch: pytest.MonkeyPatch, weighs: bool
 ) -> None:
     def damaged() -> None:
         raise InputError("signatures: damaged")
 
     plan = TrialPlan(gait=TRIPOD, duration_s=0.5)
-    servos = MockServos(shipped(), clock=FakeTime().clock()) if echoes else PosedMock()
-    with Guard(servos) as guard:
-        start = prepare(guard, plan)
+    with Guard(MockServos(shipped(), clock=FakeTime().clock())) as guard:
+        start = replace(prepare(guard, plan), weighs=weighs)
         monkeypatch.setattr(monitored_walk, "shipped_signatures", damaged)
-        with pytest.raises(InputError) if echoes else nullcontext():
+        with nullcontext() if weighs else pytest.raises(InputError):
             MonitoredWalk(start, planned_walk(start), WalkOn())
 
 
@@ -228,30 +227,15 @@ def test_how_the_leg_failed_stays_unknown_and_it_is_missed_again_after_a_trial(
     assert _drive(monitor, range(500, 900), change) == [], "in another gait nothing is said"
 
 
-class _Echo(MonitoredWalk):
-    """A walk of a robot whose servos echo their targets, with or without contacts of its feet."""
-
-    contacts_told = True
-
-    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
-        """Targets, given an echo for the joints."""
-        echo = replace(state, measured=False, joint_positions_rad=self._sent_rad, joint_torques_nm=None)
-        return super().targets_rad(step, echo if self.contacts_told else replace(echo, foot_contacts=None))
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("contacts_told", [True, False])
-def test_a_dead_leg_of_servos_that_echo_is_found_in_the_simulation(contacts_told: bool) -> None:
-    walks: list[_Echo] = []
-
-    def make(start: WalkStart) -> MonitoredWalk:
-        walks.append(_Echo(start, planned_walk(start), WalkOn()))
-        walks[-1].contacts_told = contacts_told
-        return walks[-1]
-
-    events = [[], [parse_failure_event("2:limp@8")], [parse_failure_event("6:missing@8.4")]]
-    trials = [sim_trial(events=each, seed=1, hold="line", duration_s=12.0) for each in events]
-    run_sim_trials(trials, make_controller=make)
-    noticed = [[one.suspicion for one in each] for walk in walks for each in walk.noticed]
-    assert [[one.leg for one in each] for each in noticed] == [[], [2], [6]]
-    assert noticed[1][0].failure == Failure(leg=2, kind="unknown")
+@pytest.mark.parametrize("sensors", [("foot_contacts", "imu"), ("imu",), ("joint_positions", "imu")])
+def test_a_dead_leg_of_servos_without_loads_is_found_in_the_simulation(sensors: tuple[Sensor, ...]) -> None:
+    dead, robot = (
+        "limp" if "joint_positions" not in sensors else "missing",
+        replace(shipped(), sensors=sensors),
+    )
+    events = [[], [parse_failure_event(f"2:{dead}@8")], [parse_failure_event("6:missing@8.4")]]
+    trials = [sim_trial(robot=robot, events=each, seed=1, duration_s=12.0) for each in events]
+    results = run_sim_trials(trials, make_controller=watched_walk(WalkOn()))
+    found = [[one.failure for one in each.noticed] for each in results]
+    assert found == [[], [Failure(leg=2, kind="unknown")], [Failure(leg=6, kind="unknown")]]
