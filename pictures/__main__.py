@@ -12,7 +12,7 @@ from pathlib import Path
 
 os.environ.setdefault("MUJOCO_GL", "disable")
 
-from pictures import camera_map, failure_strip, figures, play, reality, rescue, step_response
+from pictures import camera_map, failure_strip, figures, pages, play, reality, rescue, step_response
 from pictures.needed import MissingProgramError
 from pictures.picture import Picture
 
@@ -38,6 +38,8 @@ PICTURES: dict[str, Callable[[Path], Picture | Path]] = {
     "servo_terms": reality.draw_servo_terms,
     "real_walks": reality.draw_real_walks,
     "camera_map": camera_map.draw_camera_map,
+    "drive_phone": pages.draw_drive_phone,
+    "calibration": pages.draw_calibration,
 }
 
 

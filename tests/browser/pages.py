@@ -1,30 +1,14 @@
 """Pages that move a robot, in Chromium: opened, held, measured."""
 
-import os
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
-import pytest
 from playwright.sync_api import Browser, Page
-
-from pictures.browser import chromium
-from pictures.needed import MissingProgramError
 
 #: A page without a graphics card on a busy computer.
 PATIENCE_S = 60.0
 
 PHONES = {"upright": (390, 844), "on its side": (844, 390)}
-
-
-@contextmanager
-def opened_browser() -> Iterator[Browser]:
-    """A browser; without one the test is skipped, or fails with HEXCTL_REQUIRE_ALL."""
-    try:
-        with chromium() as browser:
-            yield browser
-    except MissingProgramError as error:
-        (pytest.fail if os.environ.get("HEXCTL_REQUIRE_ALL") else pytest.skip)(str(error))
 
 
 def open_page(

@@ -1,6 +1,7 @@
 """`hexctl calibrate --page` in a real browser, on simulated boards in real time."""
 
 import re
+import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -8,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -26,8 +28,10 @@ from hexctl.teleop.page_options import PagedCalibrationOptions
 from hexctl.types import JOINT_NAMES, FloatArray, RobotState
 from tests.backends.bus.boards import bus_board
 from tests.backends.pwm.boards import pca9685_board
-from tests.browser.pages import PATIENCE_S, PHONES, always_in_reach, drawn, open_page, opened_browser, until
+from tests.browser.chromium import browser_or_skip
+from tests.browser.pages import PATIENCE_S, PHONES, always_in_reach, drawn, open_page, until
 from tests.robots import edited_file, put, shipped, with_ids
+from tests.server.processes import program
 
 pytestmark = pytest.mark.realtime
 
@@ -37,7 +41,7 @@ LIT = (240, 160, 48)
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    with opened_browser() as opened:
+    with browser_or_skip() as opened:
         yield opened
 
 
@@ -133,7 +137,8 @@ KNOWN = {"tibia": {"offset_deg": 40}}
 def hobby_robot(folder: Path) -> Iterator[tuple[Any, Any, Path]]:
     """A simulated PCA9685, the map that is true of it, and a file of it that is not calibrated."""
     true_map = pwm_map_of(ServosSection.model_validate(MOUNTED), "pca9685")
-    with pca9685_board(pwm_map=true_map) as board:
+    # Board, browser and calibration share a busy computer for minutes.
+    with patch("hexctl.backends.pwm.servos.MUTE_S", 20.0), pca9685_board(pwm_map=true_map) as board:
         section = {**KNOWN, "driver": "pca9685", "port": board.path, "if_computer_dies": "hold"}
         yield board, true_map, edited_file(folder, put("servos", section))
 
@@ -368,6 +373,26 @@ def test_a_page_of_another_origin_moves_nothing(hobby: Hobby, browser: Browser) 
     np.testing.assert_array_equal(joints_deg(), before)
     assert file.read_text() == text
     says(page, owner="you")
+
+
+@pytest.mark.parametrize("how", ["finish", "Ctrl-C"])
+def test_the_command_serves_the_page_and_says_what_is_saved(
+    how: str, browser: Browser, tmp_path: Path
+) -> None:
+    with hobby_robot(tmp_path) as (_, _, file):
+        words = ("hexctl", "calibrate", str(file), "--page", "127.0.0.1:0")
+        with program(tmp_path, "calibrate", *words) as command:
+            command.wait_for("calibrate on http")
+            page = open_page(browser, re.findall(r"http://\S+?/", command.said())[0])
+            says(page, owner="you")
+            page.click('[data-do="start"]')
+            ask(page, '[data-do="save"]', saved=[0])
+            if how == "finish":
+                page.click('[data-do="finish"]')
+            else:
+                command.signal(signal.SIGINT)
+            assert command.wait() == (0 if how == "finish" else 130)
+            assert f"saved leg1_coxa in {file}" in command.said()
 
 
 def test_limits_that_exclude_the_stance_are_refused_in_the_page(hobby: Hobby, browser: Browser) -> None:

@@ -11,9 +11,11 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import pytest
+from playwright.sync_api import Error as PlaywrightError
 from playwright.sync_api import Page
 
 from faults.process import children_of
@@ -29,7 +31,7 @@ from hexctl.gait.gait import make_gait
 from hexctl.recording import style
 from hexctl.recording.recording import Recording
 from hexctl.robot.failure import Failure
-from pictures.browser import chromium
+from pictures.chromium import chromium
 from pictures.needed import MissingProgramError
 from pictures.picture import Color, Picture
 from pictures.screen import strange_home, virtual_screen
@@ -220,6 +222,14 @@ def page() -> Iterator[Page]:
         give_up(error)
 
 
+def loaded(page: Page, address: str) -> bool:
+    """Whether a page loads; its server may come up after it has told its address."""
+    with suppress(PlaywrightError):
+        page.goto(address, wait_until="commit")
+        return True
+    return False
+
+
 @pytest.mark.slow
 def test_a_browser_shows_the_robot(page: Page, trial: Path, tmp_path: Path, home: dict[str, str]) -> None:
     """On a dark page, though a browser without a screen prefers light ones: text and feet are white."""
@@ -235,7 +245,7 @@ def test_a_browser_shows_the_robot(page: Page, trial: Path, tmp_path: Path, home
         viewer.wait_for("in a browser")
         address = re.search(r"http://\S+", viewer.said())
         assert address is not None
-        page.goto(address[0])
+        wait_until(partial(loaded, page, address[0]), "the page of the viewer")
         # Three dimensions without a graphics card take long.
         shown: Picture = wait_until(robot, "a robot on the page", 90.0)
         assert shown.share((255, 255, 255), near=10) < 0.05, "light lines are drawn on white"
