@@ -28,7 +28,6 @@ from hexctl.teleop.page_options import PagedCalibrationOptions
 from hexctl.types import JOINT_NAMES, FloatArray, RobotState
 from tests.backends.bus.boards import bus_board
 from tests.backends.pwm.boards import pca9685_board
-from tests.browser.chromium import browser_or_skip
 from tests.browser.pages import PATIENCE_S, PHONES, always_in_reach, drawn, open_page, until
 from tests.robots import edited_file, put, shipped, with_ids
 from tests.server.processes import program
@@ -37,12 +36,6 @@ pytestmark = pytest.mark.realtime
 
 #: The chosen joint as the page draws it.
 LIT = (240, 160, 48)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with browser_or_skip() as opened:
-        yield opened
 
 
 class Calibrating:

@@ -12,19 +12,12 @@ from hexctl.control.drive.drive import Drive
 from hexctl.teleop.control_page import ControlPage, page_html
 from hexctl.teleop.drive_session import DriveSession
 from hexctl.wire.page_address import PageAddress
-from tests.browser.chromium import browser_or_skip
 from tests.browser.pages import PATIENCE_S, PHONES, always_in_reach, drawn, open_page, until
 
 pytestmark = pytest.mark.realtime
 
 #: Colours in which the page draws the body, and a failed leg.
 BODY, FAILED = (51, 71, 92), (216, 67, 59)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with browser_or_skip() as opened:
-        yield opened
 
 
 class Driving:

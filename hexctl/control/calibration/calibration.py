@@ -6,6 +6,7 @@ The console and the page are its two faces: they ask and show, and this changes 
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -43,6 +44,7 @@ LEAST_MOVE_DEG = 5.0
 STOP_BUTTON = "stop button"
 
 
+@dataclass(eq=False)
 class Calibration(ABC):
     """Servos of a robot while their map is changed; a requested stop ends it.
 
@@ -53,15 +55,13 @@ class Calibration(ABC):
 
     by_hand: ClassVar[bool]
 
-    def __init__(
-        self,
-        guard: Guard,
-        servos: CalibratedServos,
-        result: CalibrationResult,
-        stop_requested: Callable[[], bool],
-    ) -> None:
-        self.guard, self.robot, self.result = guard, guard.robot, result
-        self._servos, self._stop_requested = servos, stop_requested
+    guard: Guard
+    servos: CalibratedServos
+    result: CalibrationResult
+    stop_requested: Callable[[], bool]
+
+    def __post_init__(self) -> None:
+        self.robot = self.guard.robot
         self._earlier: list[tuple[int, RawMap, dict[int, float]]] = []
         self._references: dict[int, float] = {}  # raw positions of joints in the reference pose, by hand
 
@@ -176,7 +176,7 @@ class Calibration(ABC):
             raise InputError(f"got {true_deg:g}; allowed: {lower:g} to {upper:g} deg")
 
     def _check_running(self, stopped: str | None) -> None:
-        if self._stop_requested():
+        if self.stop_requested():
             raise EndedError
         if stopped not in (None, STOP_BUTTON):
             raise RobotFaultError(f"stopped: {stopped}; every joint done is saved; run it again for the rest")
@@ -195,22 +195,16 @@ class JoggedCalibration(Calibration):
 
     by_hand = False
 
-    def __init__(
-        self,
-        guard: Guard,
-        servos: CalibratedServos,
-        result: CalibrationResult,
-        stop_requested: Callable[[], bool],
-    ) -> None:
-        super().__init__(guard, servos, result, stop_requested)
-        self._targets_rad: FloatArray = guard.accepted_rad().copy()
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._targets_rad: FloatArray = self.guard.accepted_rad().copy()
         self._holds = False
         self._assume_in_range()
 
     @property
     def map(self) -> RawMap:
         """The servo map that the servos have."""
-        return self._servos.servo_map
+        return self.servos.servo_map
 
     @property
     def raw(self) -> FloatArray:
@@ -226,6 +220,8 @@ class JoggedCalibration(Calibration):
         self._check_running(None)
         tick = self.guard.clock.tick()
         self.guard.read()
+        if self.guard.stopped == "expired" and self.guard.lift_silence():  # a busy moment: the joints rested
+            self._targets_rad = self.guard.accepted_rad().copy()
         self._check_running(self.guard.stopped)
         if self._holds and self.guard.stopped is None:
             try:
@@ -277,7 +273,7 @@ class JoggedCalibration(Calibration):
 
     def _replace(self, servo_map: RawMap) -> None:
         raw = self.raw
-        self._servos.remap(servo_map)
+        self.servos.remap(servo_map)
         self._targets_rad = servo_map.angles_rad(raw)
         if self.guard.stopped is None:
             self.guard.clear()
@@ -288,16 +284,10 @@ class BackdrivenCalibration(Calibration):
 
     by_hand = True
 
-    def __init__(
-        self,
-        guard: Guard,
-        servos: CalibratedServos,
-        result: CalibrationResult,
-        stop_requested: Callable[[], bool],
-    ) -> None:
-        super().__init__(guard, servos, result, stop_requested)
-        self._read_map = self._map = servos.servo_map
-        self._raw = self._read_map.raw(guard.read().joint_positions_rad)
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._read_map = self._map = self.servos.servo_map
+        self._raw = self._read_map.raw(self.guard.read().joint_positions_rad)
         self._at_s: FloatArray = np.full(len(JOINT_NAMES), -np.inf)
 
     @property

@@ -246,6 +246,21 @@ def test_a_requested_stop_ends_it(file: Path, made: list[Bench]) -> None:
     assert result.saved == []
 
 
+def test_a_busy_computer_does_not_end_it(file: Path, made: list[Bench]) -> None:
+    watcher, polls = Watcher(lambda: float(made[-1].true_deg[0])), iter(range(10_000))
+
+    def stands_still() -> bool:
+        if next(polls) % 40 == 20:
+            made[-1].clock.time.sleep(1.5)
+        return False
+
+    result = calibrate(
+        file, watcher, backend=f"{__name__}:Bench", joints="leg1_coxa", stop_requested=stands_still
+    )
+    assert result.saved == ["leg1_coxa"]
+    assert load_robot_file(file).servo_map.signs[0] == Bench.wiring.signs[0]
+
+
 def test_a_robot_at_fault_ends_it_with_what_is_wrong(
     file: Path, made: list[Bench], monkeypatch: pytest.MonkeyPatch
 ) -> None:
