@@ -31,6 +31,8 @@ def draw_play(folder: Path) -> Picture:
             page = browser.new_page(viewport={"width": SIZE["width"], "height": SIZE["height"]})
             page.set_default_timeout(1000 * PATIENCE_S)
             page.goto(play.url + "?fixedDpr=1")  # as with a graphics card
+            # The computer that draws is slow, not that of a reader.
+            page.add_style_tag(content="#hx-late { display: none }")
             page.wait_for_function(f"window.hexctl && window.hexctl.distance_m > {BEFORE_M}")
             play.break_leg(BROKEN)
             page.wait_for_function("window.hexctl.failures.length > 0")

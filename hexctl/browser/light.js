@@ -11,6 +11,7 @@ document.head.insertAdjacentHTML("beforeend", "<style>.mantine-Notifications-roo
   history.replaceState(null, "", "?" + query);
   const original = HTMLCanvasElement.prototype.getContext;
   HTMLCanvasElement.prototype.getContext = function (kind, options) {
-    return original.call(this, kind, kind.startsWith("webgl") ? { ...options, antialias: false } : options);
+    const light = { ...options, antialias: false, preserveDrawingBuffer: false };
+    return original.call(this, kind, kind.startsWith("webgl") ? light : options);
   };
 })();

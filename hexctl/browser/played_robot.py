@@ -28,6 +28,9 @@ ASIDE = 2.4
 #: Lines of the log on the page.
 LOG_LINES = 6
 
+#: Reports in which late ticks are counted: 10 s.
+LATE_REPORTS = 100
+
 #: A push: its force in weights of the robot, and its duration.
 PUSH_WEIGHTS, PUSH_S = 1.2, 0.2
 
@@ -57,7 +60,7 @@ class PlayedRobot:
             self._grey.place(np.array([0.0, aside, heights_at(floor, np.array([[0.0, aside]]))[0]]))
         self._todo: deque[Callable[[], object]] = deque()
         self._began_s = drive.guard.clock.now_s
-        self._overruns = drive.guard.clock.overruns
+        self._overruns = deque([drive.guard.clock.overruns], maxlen=LATE_REPORTS)
         self._ticks, self._begun = 0, False
         self._travel, self._rival_travel = Travel(), Travel()
         self._contacts: list[int] = []
@@ -139,7 +142,10 @@ class PlayedRobot:
         failures = self.simulation.failures, self.drive.failures
         if failures != self._shown_failures:
             self._shown_failures = failures
-            self._robot.color(*({one.leg: one for one in some} for some in failures))
+            failed, noticed = ({one.leg: one for one in some} for some in failures)
+            self._robot.color(failed, noticed)
+            if self._grey is not None:
+                self._grey.color(failed, {})
 
     def report(self, status: dict[str, Any]) -> None:
         """Take the status of the session; see `status`."""
@@ -155,6 +161,7 @@ class PlayedRobot:
     def status(self) -> dict[str, Any]:
         """What the page shows, in addition to the session's status."""
         contacts, self._contacts = self._contacts, []
+        self._overruns.append(self.drive.guard.clock.overruns)
         return {
             "time_s": round(self.time_s, 2),
             "distance_m": self._travel.distance_m,
@@ -163,7 +170,7 @@ class PlayedRobot:
             "contacts": contacts,
             "broken": [f"leg {one.leg} {in_words(one)}" for one in self.simulation.failures],
             "broken_legs": [one.leg for one in self.simulation.failures],
-            "late": self.drive.guard.clock.overruns - self._overruns,
+            "late": self._overruns[-1] - self._overruns[0],
             "log": list(self.log),
         }
 

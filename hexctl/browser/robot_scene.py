@@ -146,17 +146,17 @@ class RobotScene:
 
     def color(self, failed: Mapping[int, Failure], noticed: Mapping[int, Failure]) -> None:
         """Colour failed legs red, and those that only the walk thinks failed amber; missing ones fade."""
-        if self._grey:
-            failed, noticed = {}, {}
         for link, (kind, handle) in enumerate(zip(JOINT_KINDS, self._links, strict=True)):
             colors = [
                 self._color_of(leg, link, kind, failed.get(leg), noticed.get(leg))
                 for leg in range(1, N_LEGS + 1)
             ]
             handle.batched_colors = np.array(colors, np.uint8)
-            missing = [one is not None and one.kind == "missing" for one in map(failed.get, range(1, 7))]
-            opacities = np.where(missing, MISSING_OPACITY, 1.0).astype(np.float32)
-            handle.batched_opacities = opacities if any(missing) else None
+
+        missing = [leg in failed and failed[leg].kind == "missing" for leg in range(1, N_LEGS + 1)]
+        opacities = np.where(missing, MISSING_OPACITY, 1.0).astype(np.float32) if any(missing) else None
+        for handle in (*self._links, self._feet):
+            handle.batched_opacities = opacities
 
     def _color_of(
         self, leg: int, link: int, kind: str, failed: Failure | None, noticed: Failure | None

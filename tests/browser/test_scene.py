@@ -111,6 +111,7 @@ def test_failed_legs_are_red_and_suspected_ones_amber(scene: Any) -> None:
     assert tuple(tibia.batched_colors[1]) == LINK_COLORS["tibia"]
     assert tuple(coxa.batched_colors[4]) == FAILED_COLORS["coxa"]
     assert tuple(tibia.batched_colors[2]) == NOTICED_COLORS["tibia"]
+    assert drawn._feet.batched_opacities[4] == pytest.approx(MISSING_OPACITY)
     assert tibia.batched_opacities.tolist() == pytest.approx([1, 1, 1, 1, MISSING_OPACITY, 1])
     drawn.color({}, {})
     assert tuple(femur.batched_colors[1]) == LINK_COLORS["femur"]
