@@ -9,11 +9,11 @@ from typing import Self
 import numpy as np
 
 from hexctl.backends.clock import PERIOD_S, WallClock
-from hexctl.backends.sim.terrain import Floor
 from hexctl.browser.floor_scene import FloorScene
 from hexctl.browser.robot_scene import RobotScene
 from hexctl.browser.scene_server import SceneServer, light_scene
 from hexctl.ik.legs import foot_positions_body
+from hexctl.recording.scene import LEVEL
 from hexctl.robot.failure import Failure, in_words
 from hexctl.robot.meshes import Meshes
 from hexctl.robot.model import Robot
@@ -25,9 +25,6 @@ from hexctl.waiting import StopRequested
 
 #: Ticks between two pictures of the scene, and between two readings.
 SCENE_TICKS, READING_TICKS = 2, 25
-
-#: An even, level floor.
-LEVEL = Floor(np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), None)
 
 
 class LivePage:
