@@ -65,8 +65,8 @@ EVIDENCE = ("following", "support", "effort", "balance", "start", "silence")
 #: Evidence of a weak joint: no alarm, the leg is used as before.
 STIFFNESS = "stiffness"
 
-#: Evidence that does not show how a leg failed, and evidence that shows it once and for all.
-UNTOLD, SETTLED = ("balance", "silence"), ("balance", "start", "silence")
+#: Evidence that shows once and for all how a leg failed, or never.
+SETTLED = ("balance", "start", "silence")
 
 #: A leg has failed if its servo is silent for this much longer than usual; if `MANY` legs are, it is the bus.
 SILENT_S = 0.5
@@ -85,7 +85,7 @@ class Suspicion:
     """A suspected failure of a leg at a step; the angle of a stuck joint is the one measured.
 
     Attributes:
-        evidence: one of `EVIDENCE`, or `STIFFNESS`; those in `UNTOLD` do not show how the leg failed.
+        evidence: one of `EVIDENCE`, or `STIFFNESS`; silence, and balance with echoed joints, show no kind.
         ratio: evidence over its threshold, above 1.
         error: standard deviation of the torque fraction of a weak joint; None for other kinds.
     """
@@ -164,7 +164,7 @@ class LegMonitor:
         self._least = _of_each(legs, LEAST_RHO, LEAST_MISSING, LEAST_IDLE)
         self._times = _of_each(legs, TIMES_USUAL, TIMES_MISSING, TIMES_IDLE)
         self._most = _of_each(legs, np.inf, MOST_MISSING, np.inf)
-        self._ticks, self._alarm_ticks = 0, np.zeros(legs, dtype=int)
+        self._ticks, self._alarm_ticks, self._measured = 0, np.zeros(legs, dtype=int), False
         self._alarm, self._suspected = np.ones(legs), False
         self._lifted_cycles: FloatArray = np.zeros(legs)
         self._cycles, self._motion = cycles, RecentMotion(shape, cycles)
@@ -206,13 +206,13 @@ class LegMonitor:
         if (stale := state.stale_joints) is not None:
             expected_rad = np.where(stale, self._following.expected_rad, state.joint_positions_rad)
             state = replace(state, joint_positions_rad=expected_rad)
-        parts = self._parts_at(phases)
+        self._measured, parts = state.measured, self._parts_at(phases)
         size_nm = None if state.joint_torques_nm is None else np.abs(state.joint_torques_nm)
         idle = None if size_nm is None else size_nm < self._none_nm
         if state.measured:
             self._following.update(state, parts, size_nm)
-            if size_nm is not None:
-                self._balance = None  # loads show more
+            if size_nm is not None and self._balance is not None:
+                self._balance, self._ratios[_ROWS] = None, 0.0  # loads show more
         if self._balance is not None:
             self._balance.update(state, phases)
         self._support.update(state, parts, self._following if state.measured else None, size_nm, idle)
@@ -287,8 +287,9 @@ class LegMonitor:
         ratios: tuple[Any, ...] = (slice(None), *row, leg - 1)
         evidence = EVIDENCE[int(np.argmax(self._ratios[ratios]))]
         failure = self._dead.kind(leg, row) if evidence == "start" else self.kind(leg, row)
+        unknown = evidence == "silence" or (evidence == "balance" and not self._measured)
         return Suspicion(
-            failure=Failure(leg=leg, kind=UNKNOWN) if evidence in UNTOLD else failure,
+            failure=Failure(leg=leg, kind=UNKNOWN) if unknown else failure,
             step=step,
             evidence=evidence,
             ratio=float(self.ratio[row][leg - 1]),

@@ -230,12 +230,10 @@ def test_how_the_leg_failed_stays_unknown_and_it_is_missed_again_after_a_trial(
 @pytest.mark.slow
 @pytest.mark.parametrize("sensors", [("foot_contacts", "imu"), ("imu",), ("joint_positions", "imu")])
 def test_a_dead_leg_of_servos_without_loads_is_found_in_the_simulation(sensors: tuple[Sensor, ...]) -> None:
-    dead, robot = (
-        "limp" if "joint_positions" not in sensors else "missing",
-        replace(shipped(), sensors=sensors),
-    )
+    measured, robot = "joint_positions" in sensors, replace(shipped(), sensors=sensors)
+    dead, kind = ("missing", "missing") if measured else ("limp", "unknown")
     events = [[], [parse_failure_event(f"2:{dead}@8")], [parse_failure_event("6:missing@8.4")]]
     trials = [sim_trial(robot=robot, events=each, seed=1, duration_s=12.0) for each in events]
     results = run_sim_trials(trials, make_controller=watched_walk(WalkOn()))
     found = [[one.failure for one in each.noticed] for each in results]
-    assert found == [[], [Failure(leg=2, kind="unknown")], [Failure(leg=6, kind="unknown")]]
+    assert found == [[], [Failure(leg=2, kind=kind)], [Failure(leg=6, kind=kind)]]
