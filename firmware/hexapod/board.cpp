@@ -168,8 +168,14 @@ void Board::set_contacts(uint8_t feet) {
   has_contacts_ = true;
 }
 
-// Hold the pose after a silence.
+void Board::stop() {
+  if (active_) release();
+  stopped_ = true;
+}
+
+// Hold the pose after a silence, or end a stop.
 void Board::watch(uint64_t now) {
+  if (stopped_ && now - overridden_ > settings_.expiry_us) stopped_ = false;
   if (active_ && !expired_ && now - executed_ > settings_.expiry_us) {
     expired_ = true;
     ++counters_.expired;
@@ -295,7 +301,7 @@ void Board::refuse(Peer &peer, uint64_t now) {
 bool Board::counts(const Peer &peer, uint32_t left, uint64_t now) const {
   const bool present = peer.present && now - peer.present <= settings_.expiry_us;
   const bool steady = now - stream_since_ >= settings_.expiry_us + settings_.expiry_us / 2;
-  return !expired_ || present || steady || left == 0;
+  return left == 0 || (!stopped_ && (!expired_ || present || steady));
 }
 
 // Apply an override to all channels or none; false for an impossible pulse.

@@ -116,6 +116,10 @@ class Board {
   // Changes with each command and release.
   uint32_t revision() const { return revision_; }
 
+  // Release all servos until overrides pause for `expiry_us`: a controller that goes on would move them again.
+  void stop();
+  bool stopped() const { return stopped_; }
+
   // What the board measures, from its sketch: battery, and switches at the feet (one bit per leg).
   void set_battery(uint16_t millivolts) { battery_mv_ = millivolts; }
   void set_contacts(uint8_t feet);
@@ -169,6 +173,7 @@ class Board {
   uint64_t stream_since_ = 0;    // since when overrides have come without a silence
   bool streaming_ = false;       // whether any came
   bool expired_ = false;         // a silence holds the pose
+  bool stopped_ = false;         // overrides are refused until they pause
 
   uint16_t pulses_[CHANNELS];
   uint32_t active_ = 0;          // one bit per driven channel

@@ -22,6 +22,11 @@ constexpr uint32_t WATCHDOG_MS = 1000;
 // Period in ticks in which the PCA9685 are checked for a loss of power.
 constexpr uint32_t CHECK_TICKS = 25;
 
+// Readings of wrong settings after which they count as lost.
+constexpr int READINGS = 3;
+
+constexpr const char *MUTE = "a PCA9685 does not answer", *LOST = "a PCA9685 lost its power";
+
 #ifdef SIGNING_KEY
 constexpr uint8_t KEY[32] = SIGNING_KEY;
 #endif
@@ -70,21 +75,38 @@ int receive(uint8_t address, uint8_t reg) {
   return Wire.read();
 }
 
-// Set up the PCA9685 that lost their power, or never had any; the fault, or nullptr.
+// Whether a PCA9685 runs as `check_boards` sets it up: 1 or 0, or -1 without an answer.
+int runs(uint8_t address) {
+  for (int reading = 0; reading < READINGS; ++reading) {
+    const int mode1 = receive(address, pca9685::MODE1), mode2 = receive(address, pca9685::MODE2);
+    const int prescale = receive(address, pca9685::PRESCALE);
+    if (mode1 < 0 || mode2 < 0 || prescale < 0) return -1;
+    if ((mode1 & pca9685::MODE1_MASK) == pca9685::AWAKE && (mode2 & pca9685::MODE2_MASK) == pca9685::PUSH_PULL &&
+        prescale == pca9685::prescale(OSCILLATOR_HZ)) {
+      return 1;
+    }
+  }
+  return 0;
+}
+
+// Set up the PCA9685 that lost their settings, or have those of another program; the fault, or nullptr.
+//
+// A loss releases all servos: those of one board would return to their pose together, at full speed.
 const char *check_boards() {
   for (const uint8_t address : ADDRESSES) {
-    const int mode = receive(address, pca9685::MODE1);
-    if (mode < 0) return "a PCA9685 does not answer";
-    if ((mode & pca9685::MODE1_MASK) == pca9685::AWAKE) continue;
-    written = false;  // all its channels are off
+    const int as_set = runs(address);
+    if (as_set < 0) return MUTE;
+    if (as_set) continue;
+    written = false;
+    digitalWrite(PIN_OE, HIGH);
+    if (ticks) board.stop();
     if (!transmit(address, pca9685::MODE1, pca9685::ASLEEP) ||  // the prescaler can only be set in sleep
         !transmit(address, pca9685::PRESCALE, pca9685::prescale(OSCILLATOR_HZ)) ||
         !transmit(address, pca9685::MODE2, pca9685::PUSH_PULL) || !transmit(address, pca9685::MODE1, pca9685::AWAKE)) {
-      return "a PCA9685 does not answer";
+      return MUTE;
     }
-    if (ticks) return "a PCA9685 lost its power";
   }
-  return nullptr;
+  return board.stopped() ? LOST : nullptr;
 }
 
 // Give the pulses to the PCA9685, which change their outputs together at the end of a message.

@@ -11,8 +11,8 @@ constexpr uint8_t MODE1 = 0x00, MODE2 = 0x01, FIRST = 0x06, PRESCALE = 0xFE;
 // MODE1: auto-increment; or asleep, as after a loss of power. MODE2: push-pull.
 constexpr uint8_t AWAKE = 0x20, ASLEEP = 0x30, PUSH_PULL = 0x04;
 
-// Bits of MODE1 that must be as they were set: external clock, auto-increment, sleep.
-constexpr uint8_t MODE1_MASK = 0x70;
+// Bits that must be as they were set. MODE1: external clock, auto-increment, sleep. MODE2: all that it has.
+constexpr uint8_t MODE1_MASK = 0x70, MODE2_MASK = 0x1F;
 
 constexpr uint32_t COUNTS = 4096, PULSES_HZ = 50;
 

@@ -109,12 +109,25 @@ def test_no_servo_has_a_pulse_before_the_first_command(driver: Driver) -> None:
     assert driver.newest("ACTUATOR_OUTPUT_STATUS").actuator[:18] == [1500.0] * 18
 
 
-def test_a_chip_that_lost_its_power_or_its_wire_is_a_fault_and_is_set_up_again(driver: Driver) -> None:
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_chip_that_lost_its_power_releases_all_servos_until_they_are_commanded_anew(
+    number: int, driver: Driver
+) -> None:
     driver.override(STANCE, times=5)
-    driver.firmware.lose_power(1)
-    driver.override(STANCE, times=30)
+    driver.firmware.lose_power(number)
+    driver.override(STANCE, times=130)  # of a controller that has not heard of it
+    assert not driver.firmware.pulses_us().any()
     assert "lost its power" in driver.newest("STATUSTEXT").text
-    assert driver.firmware.pulses_us() == pytest.approx(STANCE, abs=COUNT_US)
+    assert driver.newest("HEARTBEAT").system_status >= mavlink_messages.EMERGENCY
+    driver.pass_time(1.5)
+    assert not driver.firmware.pulses_us().any()
+    assert driver.newest("HEARTBEAT").system_status == mavlink_messages.STANDBY
+    driver.override(STANCE + 50, times=60)
+    assert driver.firmware.pulses_us() == pytest.approx(STANCE + 50, abs=COUNT_US)
+
+
+def test_a_wire_that_breaks_is_a_fault_until_it_is_mended(driver: Driver) -> None:
+    driver.override(STANCE, times=5)
     driver.firmware.answer(0, False)
     driver.override(STANCE + 50, times=30)
     assert "does not answer" in driver.newest("STATUSTEXT").text

@@ -323,7 +323,7 @@ def test_outputs_stay_off_until_the_chips_have_the_pulses(driver: Driver) -> Non
     assert driver.firmware.messages_before_low(pin) >= before + 2, "both chips had theirs"
 
 
-@pytest.mark.parametrize("messages", [1, 2, 3, 4])
+@pytest.mark.parametrize("messages", [1, 3, 9, 10, 11, 12])
 def test_a_chip_whose_set_up_broke_off_is_set_up_again(messages: int, driver: Driver) -> None:
     driver.override(STANCE, times=5)
     driver.pass_time(0.3)  # a held pose, which is not written again and again
@@ -333,30 +333,43 @@ def test_a_chip_whose_set_up_broke_off_is_set_up_again(messages: int, driver: Dr
     assert {each.text for each in driver.all("STATUSTEXT")} == {"a PCA9685 does not answer"}
     assert driver.newest("HEARTBEAT").system_status >= mavlink_messages.EMERGENCY
     driver.firmware.answer(1, True)
+    driver.pass_time(1.1)
+    assert not driver.firmware.pulses_us().any(), "limp until it is commanded anew"
     driver.override(STANCE + 50, times=60)
     assert driver.firmware.pulses_us() == pytest.approx(STANCE + 50, abs=COUNT_US)
     assert driver.newest("HEARTBEAT").system_status == mavlink_messages.ACTIVE
 
 
-def test_a_chip_that_lost_its_power_during_a_held_pose_gets_it_again(driver: Driver) -> None:
+def test_a_chip_that_lost_its_power_during_a_held_pose_releases_the_servos(driver: Driver) -> None:
     driver.override(STANCE + 50, times=5)
     driver.pass_time(0.5)
     driver.firmware.lose_power(0)
     driver.pass_time(0.6)
-    assert driver.firmware.pulses_us() == pytest.approx(STANCE + 50, abs=COUNT_US)
+    assert "lost its power" in driver.newest("STATUSTEXT").text
+    driver.pass_time(2.0)
+    assert not driver.firmware.pulses_us().any()
+    assert driver.newest("ACTUATOR_OUTPUT_STATUS").active == 0
 
 
-def test_a_chip_that_another_program_left_awake_is_set_up(driver: Driver) -> None:
+#: Registers as other programs leave them: without auto-increment; at 60 pulses a second; inverted.
+LEFT = [{0x00: 0x01}, {0x00: 0x20, 0xFE: 101}, {0x00: 0x20, 0x01: 0x14, 0xFE: 121}]
+
+
+@pytest.mark.parametrize("left", LEFT)
+def test_a_chip_that_another_program_left_awake_is_set_up(left: dict[int, int], driver: Driver) -> None:
     firmware = Firmware(
         STANCE, architecture="ESP32" if driver.firmware.pin_oe == PIN_OE["ESP32"] else "RP2040"
     )
     for chip in (0, 1):
-        firmware.registers(chip)[0] = 0x01  # awake, and without auto-increment
+        for register, value in left.items():
+            firmware.registers(chip)[register] = value
     driver.firmware = firmware
     firmware.begin(driver.now_s)
     assert firmware.level(firmware.pin_oe) == 1, "what it has from before moves nothing"
     driver.override(STANCE, times=5)
     assert firmware.pulses_us() == pytest.approx(STANCE, abs=COUNT_US)
+    assert [firmware.chip(chip)[0x01] for chip in (0, 1)] == [0x04, 0x04]
+    assert driver.all("STATUSTEXT") == []
 
 
 # The program.
