@@ -300,9 +300,10 @@ class Maestro:
         self._send(self._sent)  # a pose may get lost; a limit stays
         made = self._ask([self._position(int(self._map.outputs[joint]))])
         self._limited[joint] = 0 if made in (None, [self._sent[joint]]) else self._limited[joint] + 1
-        if self._limited[joint] == SEEN:
-            name = self._map.servo_name(joint)
-            self.notes.append(f"the Maestro limits pulses of {name}; set its Min and Max in Control Center")
+        name = self._map.servo_name(joint)
+        note = f"the Maestro limits pulses of {name}; set its Min and Max in Control Center"
+        if self._limited[joint] == SEEN and note not in self.notes:  # that of an earlier connection
+            self.notes.append(note)
         return ()
 
     def _send(self, quarters: FloatArray | IntPerJoint) -> None:

@@ -295,7 +295,7 @@ class Pca9685:
         if not texts:
             self._each(lambda chip: self._send(chip) if chip.address in self._unsent else None)
         fault = f"servos limp: {'; '.join(texts)}" if texts else None
-        return BoardReport(at_s=self._time.now(), fault=fault)
+        return BoardReport(at_s=self._time.now(), fault=fault, limp=len(texts) == len(self._chips))
 
     def _set(self, pulses_us: FloatArray, on: BoolArray) -> None:
         for joint, (board, channel) in enumerate(self._places):

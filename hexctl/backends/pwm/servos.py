@@ -25,9 +25,9 @@ LEG_PAUSE_S = 0.15
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class BoardReport:
-    """Report of a board: `contacts` of the feet, (6,), None without inputs; `fault` if its servos are off.
+    """Report of a board: `contacts` of the feet, (6,), None without inputs; `fault` if it does not obey.
 
-    `warnings` are other conditions, in few words.
+    `limp` is whether servos are off in that fault; `warnings` are other conditions, in few words.
     """
 
     at_s: float
@@ -35,6 +35,7 @@ class BoardReport:
     voltage_v: float | None = None
     current_a: float | None = None
     fault: str | None = None
+    limp: bool = True
     warnings: tuple[str, ...] = ()
 
 
@@ -138,7 +139,7 @@ class BoardThread(PortThread[PwmBoard]):
             return
         self._counters.reports += 1
         self.newest = report
-        if report.fault is not None:
+        if report.fault is not None and report.limp:
             self.on, self._sent = False, None
             self.powered = np.zeros_like(self.powered)
 

@@ -74,7 +74,7 @@ class Ssc32:
         self._heard_s = self._asked_s = line.time.now()
         self._looked_at = 0
         self._fault: str | None = None
-        self._strange = 0
+        self._strange, self._limp = 0, True
         in_time = line.wire_s(TEXT_BYTES if fits(TEXT_BYTES, line.baud) else BINARY_BYTES) + SLOWEST_S
         self._look_s = 0.0 if in_time < PERIOD_S else LOOK_S
 
@@ -101,12 +101,13 @@ class Ssc32:
         """Let all servos go limp."""
         self._line.write(text_move(dict.fromkeys(self._channels, 0)))
         self._sent, self._fault, self.is_binary = np.zeros(N_JOINTS, dtype=int), None, None
+        self._strange, self._limp = 0, True
 
     def poll(self) -> BoardReport | None:
         """Whether the board still makes its pulses; None without an answer."""
         if self._line.time.now() - self._asked_s >= LOOK_S and not self._look():
             return None
-        return BoardReport(at_s=self._heard_s, fault=self._fault)
+        return BoardReport(at_s=self._heard_s, fault=self._fault, limp=self._limp)
 
     def close(self) -> None:
         """Close the line; the board repeats the last pulses."""
@@ -158,6 +159,7 @@ class Ssc32:
             self._fault = "the SSC-32 has switched its servos off, as after a loss of power"
         elif self._strange >= STRANGE:
             self._fault = f"the SSC-32 makes {pulse} us at channel {channel}: does something else command it?"
+            self._limp = False
 
     def _identify(self) -> str:
         """Firmware of the board."""

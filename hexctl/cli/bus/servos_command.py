@@ -183,10 +183,10 @@ def identify(
 @servos.command("walk-through")
 @with_options(BusOptions)
 def walk_through_(options: dict[str, Any], yes: YesOption = False, as_json: JsonOption = False) -> None:
-    """Move one leg after another by 5 degrees and ask which it was, before the first walk.
+    """Move the joints of one leg after another by 5 degrees and ask which it was, before the first walk.
 
-    The robot is on a stand or on its belly. If all legs are right, the robot file remembers it. Exit code 3
-    if legs are exchanged.
+    The robot is on a stand or on its belly. If all joints are right, the robot file remembers it. Exit code 3
+    if legs or joints are exchanged.
     """
     from hexctl.backends.bus.bus_map import ids_mark
     from hexctl.cli.prompts import CalibrationPrompt, check_answerable

@@ -198,6 +198,14 @@ def test_pulses_that_the_board_limits_are_named_with_their_channel() -> None:
         warned = until(servos, lambda state: state.warnings, offset_rad=0.1)
         assert "limits pulses of channel " in warned.warnings[0]
         assert warned.healthy
+        stand(servos, 200, 0.1)
+        running.unplugged = True
+        until(servos, lambda state: not state.healthy)
+        running.unplugged = False
+        until(servos, lambda state: state.healthy, write=False)
+        said = stand(servos, 200, 0.1).warnings
+        assert warned.warnings[0] in said
+        assert len(set(said)) == len(said), "each is said once, after a lost port too"
 
 
 def test_lost_poses_stop_nothing_and_are_no_limits() -> None:

@@ -154,6 +154,7 @@ def test_a_board_that_lost_its_power_is_a_fault_until_the_torque_was_off() -> No
             bus.chips[address].reset()
         state = until(servos, lambda state: not state.healthy)
         assert "0x41 has lost its settings" in str(state.fault)
+        assert servos.holds, "the other board's servos do"
         assert len(f"fault: {state.fault}") <= MAX_TEXT_BYTES, "it is told whole over the link"
         until(servos, lambda _: servos.clock.now_s > 1.5)
         assert not bus.chips[address].pulses_us().any(), "nothing is powered again by itself"

@@ -96,6 +96,7 @@ def test_text_that_is_too_slow_is_a_fault_with_what_to_set() -> None:
 def test_lost_pulses_are_a_fault_until_the_torque_was_off() -> None:
     with memory_board(ssc32_map(), "reset@3") as running, servos_on(running) as servos:
         assert "loss of power" in str(until(servos, lambda state: not state.healthy).fault)
+        assert not servos.holds
         stand(servos, 10)
         assert not running.board.pulses_us().any(), "nothing is powered again by itself"
         servos.disable_torque()
@@ -116,6 +117,9 @@ def test_pulses_of_another_program_are_a_fault(monkeypatch: pytest.MonkeyPatch) 
         monkeypatch.setattr(running.board.board, "_move", lambda *_: None)  # another one's, all the time
         fault = until(servos, lambda state: not state.healthy, offset_rad=0.2).fault
         assert "something else" in str(fault)
+        assert servos.powered.all(), "its servos hold, and a person at the robot must know it"
+        servos.disable_torque()
+        until(servos, lambda _: not servos.holds, write=False)
 
 
 @pytest.mark.parametrize("fault", ["garble:0.2@2", "torn:0.1@2"])

@@ -216,12 +216,19 @@ def test_every_joint_is_found_and_written_to_a_new_file(tmp_path: Path) -> None:
 
 
 class LegWatcher(Watcher):
-    """An operator who says which leg moved, after some other answers."""
+    """An operator who says which leg moved, or no to other joints or orders, after some other answers."""
 
     def prompt(self, text: str) -> None:
         super().prompt(text)
         if self._answer in JOINT_NAMES:
-            self._answer = self._answer[3]
+            away_deg = np.abs(self._robot.away_deg())
+            moved = np.flatnonzero(away_deg.max(axis=0) > 2)
+            order = moved[np.argsort((away_deg[:, moved] > 2).argmax(axis=0))]
+            names = [JOINT_NAMES[joint] for joint in order]
+            leg = names[0][3]
+            right = names == [f"leg{leg}_{kind}" for kind in ("coxa", "femur", "tibia")]
+            self._answer = leg if right else "no"
+            self._robot.seen.clear()
 
 
 def test_a_walk_through_sees_each_leg_and_names_exchanged_ones() -> None:
@@ -240,6 +247,27 @@ def test_a_walk_through_sees_each_leg_and_names_exchanged_ones() -> None:
         assert max(np.abs(moved.away_deg()).max(), 0) < 6  # no further than a wiggle
 
 
+@pytest.mark.parametrize("exchanged", [(3, 6), (5, 8), (3, 4), (4, 5)])
+def test_a_walk_through_finds_single_joints_whose_ids_are_exchanged(exchanged: tuple[int, int]) -> None:
+    """Coxae or tibiae of two legs, and two joints of one leg."""
+    true = a_map()
+    ids = true.ids.copy()
+    ids[list(exchanged)] = ids[list(exchanged)[::-1]]
+    with seen_bus(true) as (bus, moved):
+        seen = walk_through(replace(true, ids=ids), bus.path, 1_000_000, LegWatcher(moved))
+    legs = {joint // 3 + 1 for joint in exchanged}
+    assert {leg for leg, real in seen.items() if real != leg} == legs
+    assert all(f"leg {leg} of the file moves no leg" in exchanged_legs(seen) for leg in legs)
+
+
+def test_a_leg_is_seen_once() -> None:
+    true = a_map()
+    with seen_bus(true) as (bus, moved):
+        operator = LegWatcher(moved, "2", "2", "1", ends_after=2)
+        assert walk_through(true, bus.path, 1_000_000, operator) == {1: 2, 2: 1}
+    assert sum(each.startswith("leg 2 has moved before") for each in operator.asked) == 1
+
+
 @pytest.mark.parametrize("holds", [False, True])
 @pytest.mark.parametrize("command", ["walk-through", "identify"])
 @pytest.mark.parametrize(("driver", "model"), [*FAMILIES, ("hiwonder", "hts35h")])
@@ -249,10 +277,11 @@ def test_a_stop_ends_a_movement_where_the_joint_is(
     """In the middle of it: the joint stays there, and is limp or holds as before."""
     monkeypatch.setitem(DRIVERS, "hiwonder", "hexctl_hiwonder.family:HIWONDER")
     true = a_map(driver, model)
+    moves = FEMUR_ID if command == "identify" else 1  # the first that does
     with seen_bus(true) as (bus, moved):
         if holds:
             with opened_line(bus.path, true.family.bauds[0], true.family) as line:
-                assert the_servo(line, driver, FEMUR_ID).set_torque(on=True)
+                assert the_servo(line, driver, moves).set_torque(on=True)
         moved.seen.clear()
 
         def stop() -> bool:
@@ -270,10 +299,10 @@ def test_a_stop_ends_a_movement_where_the_joint_is(
             assert seen == {}
         bus.time.sleep(1.0)
         bus.speak(b"")
-        away_deg = np.abs(moved.away_deg()[:, FEMUR_ID - 1])
+        away_deg = np.abs(moved.away_deg()[:, moves - 1])
         assert 2 < away_deg.max() < 3.5
         assert away_deg[-1] == pytest.approx(away_deg.max(), abs=1.0)
-        assert bus.board._servos[FEMUR_ID - 1].holds is holds
+        assert bus.board._servos[moves - 1].holds is holds
     assert operator.asked == []
 
 
