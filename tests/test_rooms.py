@@ -8,11 +8,11 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 CEILINGS = {
     "": 2_445,
     "adapt": 7_713,
-    "backends": 11843_836,
+    "backends": 11_843,
     "browser": 1_720,
     "cli": 6_852,
     "client": 1_020,
-    "control": 16043_035,
+    "control": 16_043,
     "demo": 220,
     "doctor": 646,
     "export": 1_847,
