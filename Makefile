@@ -80,12 +80,15 @@ test: setup
 test-all: export HYPOTHESIS_PROFILE = thorough
 test-all: test test-slow test-long
 
-# Tests that compute fill the cores. Tests that keep time come afterwards, four at a time: they mostly wait.
-realtime_lane = $(call lane,4,realtime and not long)
+# Tests that compute fill the cores. Tests that keep time come afterwards, four at a time: they mostly wait. A
+# browser without a graphics card fills a core, so those come one at a time.
+realtime_lane = $(call lane,4,realtime and not long) --ignore tests/browser
+browser_lane = $(call lane,0,realtime and not long) tests/browser
 
 test-slow: setup
 	$(call lane,$(WORKERS),slow and not realtime and not long)
 	$(realtime_lane)
+	$(browser_lane)
 
 test-long: setup
 	$(call lane,$(WORKERS),long and not realtime)
