@@ -30,6 +30,7 @@ from hexctl.errors import EStopError, HexctlError, RobotFaultError, SimulationDi
 from hexctl.recording.recording import Recording
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import RobotFile, load_robot_file
+from hexctl.teleop.control_page import with_common_parts
 from hexctl.teleop.drive_session import DriveSession
 from hexctl.waiting import StopRequested, never_stop
 
@@ -67,7 +68,9 @@ class Play:
         self._recording: Recording | None = None
         self._ended = threading.Event()
         self._socket = PlaySocket()
-        controls = files("hexctl.browser").joinpath("controls.html").read_text(encoding="utf-8")
+        controls = with_common_parts(
+            files("hexctl.browser").joinpath("controls.html").read_text(encoding="utf-8")
+        )
         self._server = SceneServer(
             self.options.page_port, title="hexctl play", controls=controls, talk=self._socket.talk
         )

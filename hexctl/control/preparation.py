@@ -51,7 +51,7 @@ class WalkStart:
         turned_rad: turn since the trial began, (n,) for different starts, as the fields of the frame.
         frame: None if the robot knows no pose.
         true_frame: the same by the true pose of a simulation, for the score only; None for other robots.
-        weighs: whether the servos measure their angles and loads.
+        reports_load: whether the servos report their angles and loads.
     """
 
     robot: Robot
@@ -61,7 +61,7 @@ class WalkStart:
     turned_rad: float = 0.0
     frame: TrialFrame | None = None
     true_frame: TrialFrame | None = None
-    weighs: bool = True
+    reports_load: bool = True
 
     @property
     def motions(self) -> list[Motion]:
@@ -216,7 +216,7 @@ class Preparation:
             turned_rad=turned_rad,
             frame=frame,
             true_frame=true_frame,
-            weighs=self._trace.weighs,
+            reports_load=self._trace.reports_load,
         )
 
     def _stand(self, duration_s: float) -> int:

@@ -47,12 +47,12 @@ class Trace:
     """Base poses of a trial so far, NaN if unknown, and warnings; the frame is known from the walk on.
 
     Attributes:
-        weighs: whether joints of the last tick were measured, with their loads.
+        reports_load: whether the last tick had measured angles and loads of the joints.
     """
 
     def __init__(self) -> None:
         self.frame: TrialFrame | None = None
-        self.weighs = True
+        self.reports_load = True
         self.warnings = SeenWarnings()
         self._rows = Table(COLUMNS)
         self._starts: dict[str, int] = {}
@@ -75,7 +75,7 @@ class Trace:
         if true_position_world is not None:
             columns["true_position_world"][row] = true_position_world
         self.warnings.take(state.warnings)
-        self.weighs = state.measured and state.joint_torques_nm is not None
+        self.reports_load = state.measured and state.joint_torques_nm is not None
 
     def rows(self, phase: str) -> slice:
         """Rows of a phase, or none."""

@@ -82,12 +82,18 @@ POLICY = (
 
 
 def page_html(name: str) -> bytes:
-    """A page of this package, with what all pages have in common in its place."""
-    folder = files("hexctl.teleop").joinpath("pages")
-    text = folder.joinpath(f"{name}.html").read_text(encoding="utf-8")
-    for part in ("control.css", "control.js", "robot.js"):
-        text = text.replace(f"/* {part} */", folder.joinpath(part).read_text(encoding="utf-8"))
-    return text.encode()
+    """A page of this package, with what pages have in common in its place."""
+    return with_common_parts(_PAGES.joinpath(f"{name}.html").read_text(encoding="utf-8")).encode()
+
+
+def with_common_parts(html: str) -> str:
+    """A page with styles and scripts of `pages` in place of comments that name them."""
+    for part in ("control.css", "control.js", "robot.js", "sticks.js"):
+        html = html.replace(f"/* {part} */", _PAGES.joinpath(part).read_text(encoding="utf-8"))
+    return html
+
+
+_PAGES = files("hexctl.teleop").joinpath("pages")
 
 
 def new_token() -> str:

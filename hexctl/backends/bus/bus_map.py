@@ -130,9 +130,6 @@ def _check_ids(section: ServosSection, driver: str) -> None:
 
 
 def ids_mark(section: ServosSection) -> str:
-    """Mark of the ids of all joints, by which a robot file says that they were walked through.
-
-    It differs from the one of versions that moved the femurs alone.
-    """
-    marked = "all joints", *(joint_value(section, joint, "id", None) for joint in range(N_JOINTS))
-    return f"{zlib.crc32(repr(marked).encode()):08x}"
+    """Mark of the ids of all joints, by which a robot file says that they were walked through."""
+    ids = [joint_value(section, joint, "id", None) for joint in range(N_JOINTS)]
+    return f"{zlib.crc32(repr(ids).encode()):08x}"

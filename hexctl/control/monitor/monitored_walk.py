@@ -77,7 +77,7 @@ class MonitoredWalk(Controller):
         self._posture_trials: dict[int, PostureTrial] = {}
         self._sent_rad: FloatArray = np.zeros((*start.batch_shape, N_JOINTS))
         self._news: Sequence[str] = ()
-        if not start.weighs and _steady(walk):
+        if not start.reports_load and _steady(walk):
             shipped_signatures()  # not in a tick: it takes long, and the file may be damaged
         self._monitor = LegMonitor(
             start.robot,

@@ -20,7 +20,36 @@ from hexctl.types import FloatArray, RobotState
 USUAL_SHARE = 0.5
 
 
-class PolicyController(Controller):
+#: Directions of a command.
+AXES = ("forward in m/s", "left in m/s", "of the turn in rad/s")
+
+
+class _ByPolicy(Controller):
+    """What a controller tells of the motion that makes its targets."""
+
+    motion: PolicyMotion
+
+    @property
+    def own_columns(self) -> tuple[Column, ...]:  # type: ignore[override]  # of the motion
+        """Columns of the observation and the actions."""
+        return self.motion.columns
+
+    @property
+    def own_values(self) -> Mapping[str, FloatArray]:  # type: ignore[override]  # of the motion
+        """Observation and actions of the last step."""
+        return self.motion.values
+
+    def why_stopped(self, index: int = 0) -> str | None:
+        """Why the policy was stopped, or None."""
+        trouble = self.motion.trouble
+        return None if trouble is None else f"policy: {trouble}"
+
+    def news(self) -> Sequence[str]:
+        """Events since the last call."""
+        return self.motion.news()
+
+
+class PolicyController(_ByPolicy):
     """Walks with a constant command by a policy, with a soft start and stop.
 
         policy = hexctl.Policy.load("walk.onnx")
@@ -58,16 +87,6 @@ class PolicyController(Controller):
         """Velocity that the policy observes, (3,)."""
         return self.motion.command
 
-    @property
-    def own_columns(self) -> tuple[Column, ...]:  # type: ignore[override]  # of the motion
-        """Columns of the observation and the actions."""
-        return self.motion.columns
-
-    @property
-    def own_values(self) -> Mapping[str, FloatArray]:  # type: ignore[override]  # of the motion
-        """Observation and actions of the last step."""
-        return self.motion.values
-
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
         """Joint angles at this step, (18,)."""
         return self.motion.targets_rad(step, state, self._wanted, goes=not self._stops)
@@ -76,22 +95,13 @@ class PolicyController(Controller):
         """Whether the policy was stopped, or a soft stop has ended."""
         return self.motion.trouble is not None or (self._stops and self.motion.mode == "resting")
 
-    def why_stopped(self, index: int = 0) -> str | None:
-        """Why the policy was stopped, or None."""
-        trouble = self.motion.trouble
-        return None if trouble is None else f"policy: {trouble}"
-
-    def news(self) -> Sequence[str]:
-        """Events since the last call."""
-        return self.motion.news()
-
     def stop(self, step: int) -> int:
         """Begin the soft stop; the steps that it takes."""
         self._stops = True
         return self.motion.return_steps
 
 
-class PolicyWalk(DriveWalk):
+class PolicyWalk(_ByPolicy, DriveWalk):
     """A driven walk by a policy, in place of the gaits of `DriveWalk`.
 
     Without a command the robot returns to its stance, and rests.
@@ -101,9 +111,9 @@ class PolicyWalk(DriveWalk):
         self, start: WalkStart, desired: VelocityCommand, policy: Policy, *, limit_s: float | None = None
     ) -> None:
         self._velocity: FloatArray = np.zeros(3)
-        super().__init__(start, desired)
         self.policy = policy
         self.motion = PolicyMotion(start.robot, policy, start.period_s, limit_s=limit_s)
+        super().__init__(start, desired)
 
     @property
     def velocity_body(self) -> FloatArray:  # set by a stop, too
@@ -113,8 +123,7 @@ class PolicyWalk(DriveWalk):
     @velocity_body.setter
     def velocity_body(self, velocity: FloatArray) -> None:
         self._velocity = velocity
-        if hasattr(self, "motion"):
-            self.motion.restart()
+        self.motion.restart()
 
     @property
     def at_rest(self) -> bool:
@@ -134,25 +143,6 @@ class PolicyWalk(DriveWalk):
     def go_home(self) -> None:
         """Let a stopped policy walk again; without a command it returns to the stance anyway."""
         self.motion.trouble = None
-
-    def why_stopped(self, index: int = 0) -> str | None:
-        """Why the policy was stopped, or None."""
-        trouble = self.motion.trouble
-        return None if trouble is None else f"policy: {trouble}"
-
-    @property
-    def own_columns(self) -> tuple[Column, ...]:  # type: ignore[override]  # of the motion
-        """Columns of the observation and the actions."""
-        return self.motion.columns
-
-    @property
-    def own_values(self) -> Mapping[str, FloatArray]:  # type: ignore[override]  # of the motion
-        """Observation and actions of the last step."""
-        return self.motion.values
-
-    def news(self) -> Sequence[str]:
-        """Events since the last call."""
-        return self.motion.news()
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
         """Joint angles at this step, (18,)."""
@@ -176,11 +166,8 @@ def checked_command(contract: PolicyContract, velocity: FloatArray) -> FloatArra
     return velocity
 
 
-AXES = ("forward in m/s", "left in m/s", "of the turn in rad/s")
-
-
 def usual_speed_m_s(contract: PolicyContract, heading_rad: float) -> float:
-    """Half of the maximum speed of a policy in a direction; 0 if it was not trained to go there."""
+    """Usual share of the maximum speed of a policy in a direction; 0 if it was not trained to go there."""
     if contract.command_ranges is None:
         return 0.0
     speeds = []

@@ -130,18 +130,18 @@ def test_signatures_are_saved_and_loaded(tmp_path: Path) -> None:
     assert (load_signatures(tmp_path / "some.npz")["lean"].patterns == some["lean"].patterns).all()
 
 
-@pytest.mark.parametrize("weighs", [True, False])
+@pytest.mark.parametrize("reports_load", [True, False])
 def test_a_damaged_file_of_signatures_is_refused_before_the_walk_of_servos_without_loads(
-    monkeypatch: pytest.MonkeyPatch, weighs: bool
+    monkeypatch: pytest.MonkeyPatch, reports_load: bool
 ) -> None:
     def damaged() -> None:
         raise InputError("signatures: damaged")
 
     plan = TrialPlan(gait=TRIPOD, duration_s=0.5)
     with Guard(MockServos(shipped(), clock=FakeTime().clock())) as guard:
-        start = replace(prepare(guard, plan), weighs=weighs)
+        start = replace(prepare(guard, plan), reports_load=reports_load)
         monkeypatch.setattr(monitored_walk, "shipped_signatures", damaged)
-        with nullcontext() if weighs else pytest.raises(InputError):
+        with nullcontext() if reports_load else pytest.raises(InputError):
             MonitoredWalk(start, planned_walk(start), WalkOn())
 
 
